@@ -1,0 +1,44 @@
+# Everything goes into .venv; nothing else on the machine is changed. `make` shows the targets.
+
+SHELL = /bin/bash
+BIN = .venv/bin
+# Set up for this lock and this pyproject; made again when one of them changes.
+READY = .venv/ready
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+
+demo: $(READY) ## run the paper's experiment into runs/demo
+	$(BIN)/softbot demo --out runs/demo
+
+test: $(READY) ## the default tests, with their coverage (at least 90 % of the lines)
+	$(BIN)/python -m pytest -n 2 --cov --cov-report=term:skip-covered --cov-fail-under=90
+
+check: $(READY) ## format, lint, types
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+slow: $(READY) ## end-to-end and accuracy tests of minutes
+	$(BIN)/python -m pytest -m slow
+
+stress: $(READY) ## long campaigns
+	$(BIN)/python -m pytest -m stress
+
+bench: $(READY) ## run time against error
+	$(BIN)/softbot bench
+
+lock: ## write requirements.lock anew from pyproject.toml (needs uv)
+	@PATH="$(BIN):$$PATH"; command -v uv >/dev/null || { echo 'make lock needs uv: $(BIN)/pip install uv' >&2; exit 1; }
+	PATH="$(BIN):$$PATH" uv pip compile pyproject.toml --output-file requirements.lock --extra dev --universal \
+	  --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
+	  --custom-compile-command "make lock" --quiet
+
+clean: ## remove what make made: .venv, caches, coverage (runs/ stays)
+	rm -rf .venv .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.* build dist *.egg-info
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+$(READY): requirements.lock pyproject.toml .ci/set_up.sh
+	@.ci/set_up.sh $(READY)
+
+.PHONY: help demo test check slow stress bench lock clean

@@ -1,0 +1,4 @@
+"""Scenes, twins, sensors, telemetry: pressures and valve openings in, sensor readings out.
+
+Knows nothing of a sequencer or a bus.
+"""

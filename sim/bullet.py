@@ -1,0 +1,484 @@
+"""Segment twin: a chain of rigid segments in PyBullet, for scenes with other bodies and as a cross-check.
+
+N segments of equal length; each spherical joint between neighbours carries the bending and twisting stiffness of one
+segment length, and, where the robot stretches, each segment is cut in two halves on a prismatic joint that carries the
+axial stiffness. Joint forces are taken linearly implicitly (`sim.chain`); PyBullet integrates, finds contacts and
+solves Coulomb friction (elliptic cone). On a bare floor a segment touches with one sphere at its centre, so that the
+load is shared equally, as by the mid-point rule along the tube; with other bodies about it is a capsule.
+
+Left out: shear, and the coupling of stretch and bending in the section's stiffness (the rest strains hold it exactly).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from sim.body import Body, Motion, World
+from sim.chain import (
+    PRISMATIC,
+    SPHERICAL,
+    angular_momentum,
+    body_velocities,
+    generalised_forces,
+    implicit_joint_forces,
+    mass_matrix,
+    mean_rotation_vector,
+    place_bodies,
+    rotation_of,
+)
+from softbot.errors import SimulationError
+
+FloatArray = NDArray[np.float64]
+
+_SOLVER_ITERATIONS = 60
+_CONTACT_SINK = 0.01  # static penetration over radius
+_CONTACT_DAMPING_RATIO = 1.0
+_SPEED_LIMIT = 1e4  # PyBullet clamps joint speeds at 100 unless told otherwise
+
+
+class BulletTwin:
+    """PyBullet chain of a robot. Implements `sim.body.Twin`.
+
+    The robot starts straight, at rest, lying on the floor with chamber 0 (e1) to its left, tangent along x.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        world: World,
+        *,
+        segments: int,
+        step_s: float,
+        stretches: bool,
+        other_bodies: bool = False,
+        gui: bool = False,
+    ) -> None:
+        if segments < 2:
+            raise SimulationError(f"segments = {segments}: a chain has at least two")
+        self._body, self._world, self._step_s = body, world, step_s
+        self._segments, self._stretches = segments, stretches
+        self._halves = 2 if stretches else 1
+        self._lay_out_chain(other_bodies)
+        self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+        if self._client < 0:
+            raise SimulationError("PyBullet could not open its window: is there a screen? run without --gui")
+        try:
+            self._build_world()
+            self._build_robot(other_bodies)
+        except pybullet.error as error:
+            self.close()
+            raise SimulationError(f"PyBullet refused the scene: {error}") from None
+        self.set_rest(np.array([1.0, 0.0, 0.0]), body.rest_stiffness())
+        self._read_state()
+
+    @property
+    def step_s(self) -> float:
+        """Step of the integration [s]."""
+        return self._step_s
+
+    # ---------------------------------------------------------------- construction
+
+    def _lay_out_chain(self, other_bodies: bool) -> None:
+        bodies = self._segments * self._halves
+        joints = bodies - 1
+        body, part_length = self._body, self._body.length_m / bodies
+        self._part_length_m = np.full(bodies, part_length)
+        self._mass_kg = np.full(bodies, body.mass_kg / bodies)
+        axial = 0.5 * body.radius_m**2
+        across = 0.25 * body.radius_m**2 + part_length**2 / 12.0
+        self._inertia = np.tile(np.array([across, across, axial]) * body.mass_kg / bodies, (bodies, 1))
+        kinds = [PRISMATIC if self._stretches and j % 2 == 0 else SPHERICAL for j in range(joints)]
+        self._joint_kind = np.array(kinds, dtype=np.int64)
+        widths = np.where(self._joint_kind == SPHERICAL, 3, 1)
+        self._first_dof = 6 + np.concatenate([[0], np.cumsum(widths)[:-1]]).astype(np.int64)
+        self._size = int(6 + widths.sum())
+        self._joint_quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (joints, 1))
+        self._joint_slide = np.zeros(joints)
+        self._base_position, self._base_rotation = np.zeros(3), np.eye(3)
+        self._velocity = np.zeros(self._size)
+        self._rotation = np.zeros((bodies, 3, 3))
+        self._centre, self._joint = np.zeros((bodies, 3)), np.zeros((bodies, 3))
+        self._body_velocity, self._body_spin = np.zeros((bodies, 3)), np.zeros((bodies, 3))
+        self._mass = np.zeros((self._size, self._size))
+        self._force = np.zeros(self._size)
+        self._outer = np.zeros(self._size)
+        self._drag = np.zeros((self._size, self._size))
+        self._floats = not self._world.ground and not other_bodies
+        self._steps = 0
+        self._has_drag = self._world.ground and self._world.friction_law == "viscous"
+
+    def _build_world(self) -> None:
+        p, client = pybullet, self._client
+        # a robot that nothing touches is computed in the frame that falls with it, where gravity does nothing
+        gravity_m_s2 = 0.0 if self._floats else self._world.gravity_m_s2
+        p.setGravity(0.0, 0.0, -gravity_m_s2, physicsClientId=client)
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=self._step_s,
+            numSolverIterations=_SOLVER_ITERATIONS,
+            numSubSteps=0,
+            enableConeFriction=1,
+            deterministicOverlappingPairs=1,
+            solverResidualThreshold=0.0,
+            contactBreakingThreshold=0.1 * self._body.radius_m,
+            physicsClientId=client,
+        )
+        if self._world.ground:
+            plane = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client)
+            floor = p.createMultiBody(0.0, plane, physicsClientId=client)
+            p.changeDynamics(
+                floor,
+                -1,
+                lateralFriction=1.0,
+                restitution=0.0,
+                rollingFriction=0.0,
+                spinningFriction=0.0,
+                physicsClientId=client,
+            )
+
+    def _build_robot(self, other_bodies: bool) -> None:
+        p, client = pybullet, self._client
+        bodies, radius = len(self._mass_kg), self._body.radius_m
+        length = self._part_length_m[0]
+
+        def shape(index: int) -> int:
+            # the sphere sits at the middle of the whole segment: at the far end of its first half
+            centre = 0.0 if index == 0 else 0.5 * length  # link frames sit at their joint, the base's at its centre
+            if other_bodies:
+                return int(
+                    p.createCollisionShape(
+                        p.GEOM_CAPSULE,
+                        radius=radius,
+                        height=length,
+                        collisionFramePosition=[0, 0, centre],
+                        physicsClientId=client,
+                    )
+                )
+            offset = 0.5 * length if self._stretches and index % 2 == 0 else 0.0
+            return int(
+                p.createCollisionShape(
+                    p.GEOM_SPHERE, radius=radius, collisionFramePosition=[0, 0, centre + offset], physicsClientId=client
+                )
+            )
+
+        height = radius if self._world.ground else 0.0
+        first_centre_m = -0.5 * self._body.length_m + 0.5 * length
+        links = bodies - 1
+        bullet_kind = [p.JOINT_SPHERICAL if k == SPHERICAL else p.JOINT_PRISMATIC for k in self._joint_kind]
+        self._robot = p.createMultiBody(
+            baseMass=self._mass_kg[0],
+            baseCollisionShapeIndex=shape(0),
+            basePosition=[first_centre_m, 0.0, height],
+            # z (tangent) along world x, x (e1) along world y, the robot's left
+            baseOrientation=[0.5, 0.5, 0.5, 0.5],
+            linkMasses=self._mass_kg[1:].tolist(),
+            linkCollisionShapeIndices=[shape(b) for b in range(1, bodies)],
+            linkVisualShapeIndices=[-1] * links,
+            linkPositions=[[0.0, 0.0, 0.5 * length]] + [[0.0, 0.0, length]] * (links - 1),
+            linkOrientations=[[0.0, 0.0, 0.0, 1.0]] * links,
+            linkInertialFramePositions=[[0.0, 0.0, 0.5 * length]] * links,
+            linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * links,
+            linkParentIndices=list(range(links)),
+            linkJointTypes=bullet_kind,
+            linkJointAxis=[[0.0, 0.0, 1.0]] * links,
+            physicsClientId=client,
+        )
+        coulomb = self._world.friction if self._world.friction_law == "coulomb" else 0.0
+        contact = self._contact_compliance()
+        for b in range(bodies):
+            p.changeDynamics(
+                self._robot,
+                b - 1,
+                localInertiaDiagonal=self._inertia[b].tolist(),
+                lateralFriction=coulomb,
+                rollingFriction=0.0,
+                spinningFriction=0.0,
+                restitution=0.0,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                jointDamping=0.0,
+                physicsClientId=client,
+                **contact,
+            )
+            # in calls of their own: PyBullet drops every other argument for a link that comes with one of these
+            p.changeDynamics(self._robot, b - 1, maxJointVelocity=_SPEED_LIMIT, physicsClientId=client)
+            p.changeDynamics(
+                self._robot, b - 1, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, physicsClientId=client
+            )
+            if self._stretches and b % 2 == 1 and not other_bodies:  # only the first half touches; a body without any
+                p.setCollisionFilterGroupMask(
+                    self._robot, b - 1, 0, 0, physicsClientId=client
+                )  # shape loses its inertia
+        for j, kind in enumerate(self._joint_kind):  # switch the default motors off
+            if kind == SPHERICAL:
+                p.setJointMotorControlMultiDof(
+                    self._robot, j, p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], targetVelocity=[0, 0, 0],
+                    positionGain=0, velocityGain=0, force=[0, 0, 0], physicsClientId=client,
+                )  # fmt: skip
+            else:
+                p.setJointMotorControl2(self._robot, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        self._links = list(range(links))
+        self._torque_order: list[list[float]] = [[0.0]] * links
+
+    def _contact_compliance(self) -> dict[str, float]:
+        """Stiffness and damping of one segment's contact: its weight sinks it by a small part of the radius.
+
+        A rigid contact leaves the sharing of the load between ten spheres on a floor to rounding errors.
+        """
+        weight_N = self._body.mass_kg * self._world.gravity_m_s2 / self._segments
+        if not self._world.ground or weight_N <= 0.0:
+            return {}
+        stiffness_N_m = weight_N / (_CONTACT_SINK * self._body.radius_m)
+        segment_kg = self._body.mass_kg / self._segments
+        damping_N_s_m = 2.0 * _CONTACT_DAMPING_RATIO * np.sqrt(stiffness_N_m * segment_kg)
+        return {"contactStiffness": stiffness_N_m, "contactDamping": float(damping_N_s_m)}
+
+    # ---------------------------------------------------------------- the twin's contract
+
+    def set_rest(self, strain: FloatArray, stiffness: FloatArray) -> None:
+        """Rest strains (ℓ, k1, k2) and section stiffness (3, 3), held until the next call."""
+        segment_m = self._body.length_m / self._segments
+        # k towards the centre of curvature turns the tangent: rotation vector per length = t × k = (−k2, k1, 0)
+        self._rest_rotation = segment_m * np.array([-strain[2], strain[1], 0.0])
+        self._rest_slide = segment_m * (strain[0] - 1.0)
+        axial = stiffness[0, 0]
+        # the stretch is free to follow a bend, so the bending stiffness is what is left with it relaxed
+        bend = stiffness[1:, 1:] - np.outer(stiffness[1:, 0], stiffness[0, 1:]) / axial
+        matrix = np.zeros((3, 3))
+        matrix[:2, :2] = [[bend[1, 1], -bend[0, 1]], [-bend[0, 1], bend[0, 0]]]
+        matrix[2, 2] = self._body.twisting_stiffness_N_m2
+        self._rotation_stiffness = matrix / segment_m
+        self._slide_stiffness = axial / segment_m
+
+    def step(self) -> None:
+        """Advance by one step. Raises SimulationError when the state is no longer finite."""
+        p, client = pybullet, self._client
+        self._mass[:, :] = 0.0
+        mass_matrix(
+            self._joint_kind, self._first_dof, self._mass_kg, self._inertia,
+            self._rotation, self._centre, self._joint, self._mass,
+        )  # fmt: skip
+        if self._floats:
+            self._keep_momentum()
+        if self._has_drag:
+            self._viscous_drag()
+        ok = implicit_joint_forces(
+            self._step_s,
+            self._body.damping_time_s,
+            self._joint_kind,
+            self._first_dof,
+            self._joint_quaternion,
+            self._joint_slide,
+            self._velocity,
+            self._rest_rotation,
+            self._rest_slide,
+            self._rotation_stiffness,
+            self._slide_stiffness,
+            self._drag,
+            self._outer,
+            self._mass,
+            self._force,
+        )
+        if not ok or not np.isfinite(self._force).all():
+            raise SimulationError(
+                f"the segment twin left its range (a joint turned by over {np.degrees(3.0):.0f}° or is not finite): "
+                "use a smaller step, more segments or a milder command"
+            )
+        force = self._force
+        for j, (kind, d) in enumerate(zip(self._joint_kind, self._first_dof, strict=True)):
+            self._torque_order[j] = force[d : d + 3].tolist() if kind == SPHERICAL else [float(force[d])]
+        p.setJointMotorControlMultiDofArray(
+            self._robot, self._links, p.TORQUE_CONTROL, forces=self._torque_order, physicsClientId=client
+        )
+        if self._has_drag:
+            p.applyExternalForce(
+                self._robot, -1, force[:3].tolist(), self._base_position.tolist(), p.WORLD_FRAME, physicsClientId=client
+            )
+            p.applyExternalTorque(self._robot, -1, force[3:6].tolist(), p.WORLD_FRAME, physicsClientId=client)
+        p.stepSimulation(physicsClientId=client)
+        self._steps += 1
+        self._read_state()
+        self._gather_outer_forces()
+
+    def motion(self) -> Motion:
+        """The robot now."""
+        middle = len(self._mass_kg) // 2  # the mid cross-section is the near end of this body
+        body_velocities(
+            self._joint_kind,
+            self._first_dof,
+            self._rotation,
+            self._centre,
+            self._joint,
+            self._velocity,
+            self._body_velocity,
+            self._body_spin,
+        )
+        momentum = np.empty(3)
+        angular_momentum(
+            self._mass_kg,
+            self._inertia,
+            self._rotation,
+            self._centre,
+            self._body_velocity,
+            self._body_spin,
+            momentum,
+        )
+        spin, lever = self._body_spin[middle], self._joint[middle] - self._centre[middle]
+        stretch, curvature = self._mean_strain()
+        first, last = self._ends()
+        chord = last - first
+        fallen_m, falling_m_s = self._fall()
+        return Motion(
+            rotation=_halfway(self._rotation[middle - 1], self._rotation[middle]),
+            angular_velocity_rad_s=0.5 * (self._body_spin[middle - 1] + spin),
+            mid_velocity_m_s=self._body_velocity[middle] + _cross(spin, lever) + falling_m_s,
+            centre_of_mass_m=self._mass_kg @ self._centre / self._body.mass_kg + fallen_m,
+            stretch=stretch,
+            curvature_1_m=curvature,
+            chord=chord / np.linalg.norm(chord),
+            angular_momentum_kg_m2_s=momentum,
+        )
+
+    def shape(self) -> tuple[FloatArray, FloatArray]:
+        """Centre line (n, 3) [m] and section axis e1 (n, 3) along the robot now."""
+        first, last = self._ends()
+        points = np.vstack([first, self._joint[1:], last]) + self._fall()[0]
+        axes = np.vstack([self._rotation[0, :, 0], self._rotation[1:, :, 0], self._rotation[-1, :, 0]])
+        return points, axes
+
+    def close(self) -> None:
+        """Disconnect from PyBullet."""
+        if self._client >= 0:
+            pybullet.disconnect(physicsClientId=self._client)
+            self._client = -1
+
+    # ---------------------------------------------------------------- inside
+
+    def _gather_outer_forces(self) -> None:
+        """Weight and contact forces of the step that was, in joint coordinates, for the next implicit solve."""
+        if self._floats:
+            return
+        contacts = pybullet.getContactPoints(self._robot, physicsClientId=self._client)
+        bodies = np.arange(len(self._mass_kg) + len(contacts))
+        points, forces = np.empty((len(bodies), 3)), np.empty((len(bodies), 3))
+        own = len(self._mass_kg)
+        points[:own], forces[:own] = self._centre, 0.0
+        forces[:own, 2] = -self._mass_kg * self._world.gravity_m_s2
+        for n, contact in enumerate(contacts, start=own):
+            first = contact[1] == self._robot  # the normal points from the second body to the first
+            sign = 1.0 if first else -1.0
+            bodies[n] = 1 + (contact[3] if first else contact[4])
+            points[n] = contact[5] if first else contact[6]
+            for size, direction in ((9, 7), (10, 11), (12, 13)):
+                along = contact[direction]
+                for k in range(3):
+                    forces[n, k] = sign * contact[size] * along[k] + (forces[n, k] if size > 9 else 0.0)
+        generalised_forces(
+            self._joint_kind,
+            self._first_dof,
+            self._rotation,
+            self._centre[0],
+            self._joint,
+            bodies,
+            points,
+            forces,
+            self._outer,
+        )
+
+    def _read_state(self) -> None:
+        p, client = pybullet, self._client
+        position, quaternion = p.getBasePositionAndOrientation(self._robot, physicsClientId=client)
+        linear, angular = p.getBaseVelocity(self._robot, physicsClientId=client)
+        self._base_position = np.array(position)
+        rotation_of(np.array(quaternion), self._base_rotation)
+        self._velocity[:3], self._velocity[3:6] = linear, angular
+        states = p.getJointStatesMultiDof(self._robot, self._links, physicsClientId=client)
+        for j, state in enumerate(states):
+            d = self._first_dof[j]
+            if self._joint_kind[j] == SPHERICAL:
+                self._joint_quaternion[j] = state[0]
+                self._velocity[d : d + 3] = state[1]
+            else:
+                self._joint_slide[j] = state[0][0]
+                self._velocity[d] = state[1][0]
+        place_bodies(
+            self._base_position, self._base_rotation, self._joint_kind, self._joint_quaternion, self._joint_slide,
+            self._part_length_m, self._rotation, self._centre, self._joint,
+        )  # fmt: skip
+
+    def _keep_momentum(self) -> None:
+        """Give the base the velocity that keeps the momentum of a robot that nothing touches: none.
+
+        PyBullet's first-order step keeps joint and base velocities while the shape changes, and so makes angular
+        momentum from nothing: a few percent of the floating robot's turning.
+        """
+        momentum = self._mass[:6] @ self._velocity  # linear, and angular about the base's centre
+        self._velocity[:6] -= np.linalg.solve(self._mass[:6, :6], momentum)
+        pybullet.resetBaseVelocity(
+            self._robot, self._velocity[:3].tolist(), self._velocity[3:6].tolist(), physicsClientId=self._client
+        )
+
+    def _fall(self) -> tuple[FloatArray, FloatArray]:
+        """How far and how fast the frame of a floating robot has fallen, shapes (3,) [m], [m/s]."""
+        if not self._floats:
+            return np.zeros(3), np.zeros(3)
+        t_s, gravity_m_s2 = self._steps * self._step_s, self._world.gravity_m_s2
+        return np.array([0.0, 0.0, -0.5 * gravity_m_s2 * t_s**2]), np.array([0.0, 0.0, -gravity_m_s2 * t_s])
+
+    def _mean_strain(self) -> tuple[float, FloatArray]:
+        mean = np.empty(3)
+        mean_rotation_vector(self._joint_kind, self._joint_quaternion, mean)
+        mean *= self._segments / self._body.length_m
+        stretch = 1.0
+        if self._stretches:
+            stretch += float(self._joint_slide.sum()) / self._body.length_m
+        return stretch, np.array([mean[1], -mean[0]])
+
+    def _ends(self) -> tuple[FloatArray, FloatArray]:
+        half = 0.5 * self._part_length_m[0]
+        return (
+            self._centre[0] - half * self._rotation[0, :, 2],
+            self._centre[-1] + half * self._rotation[-1, :, 2],
+        )
+
+    def _viscous_drag(self) -> None:
+        """Drag of the floor in joint coordinates: each segment's lowest point slides through c·length."""
+        self._drag[:, :] = 0.0
+        touching = 1.05 * self._body.radius_m
+        drag_N_s_m = self._world.friction * self._body.length_m / self._segments
+        row = np.zeros((2, self._size))
+        for b in range(0, len(self._mass_kg), self._halves):
+            point = self._centre[b].copy()
+            if self._stretches:
+                point += 0.5 * self._part_length_m[b] * self._rotation[b, :, 2]
+            if point[2] > touching:
+                continue
+            point[2] -= self._body.radius_m
+            row[:, :] = 0.0
+            row[0, 0] = row[1, 1] = 1.0
+            arm = point - self._centre[0]
+            row[:, 3:6] = [[0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]]]
+            for a in range(1, b + 1):
+                d = self._first_dof[a - 1]
+                if self._joint_kind[a - 1] == SPHERICAL:
+                    arm = point - self._joint[a]
+                    for k in range(3):
+                        row[:, d + k] = np.cross(self._rotation[a, :, k], arm)[:2]
+                else:
+                    row[:, d] = self._rotation[a, :2, 2]
+            self._drag += drag_N_s_m * row.T @ row
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a × b; numpy's own takes ten times as long for three numbers."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _halfway(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The rotation midway between two near ones: their mean, made orthonormal."""
+    mean = first + second
+    tangent = mean[:, 2] / np.linalg.norm(mean[:, 2])
+    across = mean[:, 0] - tangent * (tangent @ mean[:, 0])
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, _cross(tangent, across), tangent])

@@ -1,0 +1,28 @@
+"""How the rod twin's code is compiled, and when what was compiled on an earlier day is still good.
+
+numba keeps compiled code on disk and looks only at the file of the function that Python calls, not at the files of what
+that function calls in turn. So the one function that Python calls carries a stamp of all of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from numba import njit
+
+# no nnan, ninf: the check for a finite state has to survive
+FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
+
+# for what is called from compiled code only: the way in from Python takes as long to compile as the function itself
+inner = njit(fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+# the same, for what is called in one place: otherwise it is optimised once alone and once more inside its caller
+inlined = njit(inline="always")
+
+
+def source_stamp() -> str:
+    """Digest of the rod twin's source files."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("rod*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

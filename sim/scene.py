@@ -1,0 +1,198 @@
+"""Scene file: robot, drive, world, faults, sequencer orders and solver, checked field by field.
+
+A scene is what happens; how it is solved stands in `[solver]` alone. The `[sequencer]` table is data here: the
+simulation knows nothing of a sequencer, whoever runs one reads it.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import pydantic
+from pydantic import Field
+
+from softbot.errors import InputError
+from softbot.faults import Fault
+from softbot.robot import Robot, robot_from, robot_table
+from softbot.toml_file import STRICT, Table, check, override, read_toml
+
+CONTROL_PERIOD_S = 0.01
+"""Period of the bus and of telemetry [s]; the step of every twin divides it."""
+
+
+class Drive(pydantic.BaseModel):
+    """The `[drive]` table."""
+
+    model_config = STRICT
+
+    kind: Literal["curvature", "pressure", "sequencer"] = Field(
+        description="curvature: given; pressure: open-loop chamber pressures; sequencer: closed loop"
+    )
+    curvature_1_m: float | None = Field(None, ge=0, le=1e4, description="size of the intrinsic curvature, in 1/m")
+    peak_pressure_Pa: float | None = Field(
+        None, ge=0, le=1e8, description="highest chamber pressure of the sequence, in pascals"
+    )
+    co_contraction_Pa: float = Field(0.0, ge=0, le=1e8, description="pressure that every chamber keeps, in pascals")
+    period_s: float = Field(
+        2.0, ge=1e-3, le=1e5, description="the curvature direction turns once in this time, in seconds"
+    )
+    direction: Literal[1, -1] = Field(
+        1, description="+1 turns the curvature direction right-handedly (rolls left), -1 the other way"
+    )
+    start_s: float = Field(1.0, ge=0, le=1e6, description="bent by then, and turning from then on, in seconds")
+    ramp_s: float = Field(0.5, gt=0, le=1e6, description="time in which the bend grows, ending at start_s, in seconds")
+
+    @pydantic.model_validator(mode="after")
+    def _needs_its_size(self) -> Self:
+        if self.kind == "curvature" and self.curvature_1_m is None:
+            raise ValueError('curvature_1_m: missing; drive.kind = "curvature" needs it')
+        if self.kind == "pressure" and self.peak_pressure_Pa is None:
+            raise ValueError('peak_pressure_Pa: missing; drive.kind = "pressure" needs it')
+        return self
+
+
+class WorldTable(pydantic.BaseModel):
+    """The `[world]` table."""
+
+    model_config = STRICT
+
+    gravity_m_s2: float = Field(9.81, ge=0, le=1e3, description="in m/s², downwards")
+    ground: Literal["plane", "none"] = Field(
+        "plane", description="plane: a flat floor at z = 0; none: the robot floats"
+    )
+    friction: float = Field(0.6, ge=0, le=1e6, description="coulomb: coefficient; viscous: N s/m²")
+    friction_law: Literal["coulomb", "viscous"] = "coulomb"
+
+    @pydantic.model_validator(mode="after")
+    def _plausible(self) -> Self:
+        if self.friction_law == "coulomb" and self.friction > 10.0:
+            raise ValueError(f"friction = {self.friction:g}: a Coulomb coefficient is 0 … 10")
+        return self
+
+
+class SequencerTable(pydantic.BaseModel):
+    """The `[sequencer]` table: orders and tuning of the sequencer."""
+
+    model_config = STRICT
+
+    command: Literal["left", "right", "stop"] = Field("left", description="left, right or stop")
+    speed_rev_s: float | None = Field(
+        None, gt=0, le=100, description="wanted speed, in revolutions per second; default: at the full lead"
+    )
+    distance_m: float | None = Field(None, gt=0, le=1e6, description="stop after this distance, in metres")
+    recovery: bool = Field(True, description="reverse the curvature when a chamber is dead, and roll on")
+    start_s: float = Field(0.5, ge=0, le=1e6, description="when the order is given, in seconds")
+    bend_rad: float | None = Field(
+        None, gt=0, le=2 * math.pi, description="bend of the C, in radians; default: what the pressure limit allows"
+    )
+    lead_rad: float = Field(
+        0.8, gt=0, le=math.pi / 2, description="largest lead of the curvature ahead of the C, in radians"
+    )
+    co_contraction_Pa: float = Field(0.0, ge=0, le=1e8, description="pressure that every chamber keeps, in pascals")
+
+
+class Solver(pydantic.BaseModel):
+    """The `[solver]` table."""
+
+    model_config = STRICT
+
+    twin: Literal["rod", "bullet"] = Field("rod", description="rod: reduced-order rod; bullet: PyBullet segments")
+    accuracy: Literal["fast", "standard", "reference"] = "standard"
+    duration_s: float = Field(11.0, gt=0, le=1e6, description="simulated time, in seconds")
+    seed: int = Field(0, ge=0, le=2**63 - 1, description="of every random draw of the run")
+    step_s: float | None = Field(
+        None, ge=1e-6, le=0.1, description="overrides the step that accuracy chooses, in seconds"
+    )
+    segments: int | None = Field(None, ge=2, le=200, description="bullet: overrides the number of segments")
+    modes: int | None = Field(None, ge=1, le=12, description="rod: overrides the number of bending modes")
+
+
+class Metrics(pydantic.BaseModel):
+    """The `[metrics]` table."""
+
+    model_config = STRICT
+
+    steady_after_s: float | None = Field(
+        None, ge=0, le=1e6, description="revolutions and displacement count from then, in seconds"
+    )
+
+
+class Scene(pydantic.BaseModel):
+    """One scene, complete: what a run needs and all that a run directory must hold to make it again."""
+
+    model_config = STRICT
+
+    robot: Robot
+    drive: Drive
+    world: WorldTable = WorldTable()
+    fault: tuple[Fault, ...] = ()
+    sequencer: SequencerTable = SequencerTable()
+    solver: Solver = Solver()
+    metrics: Metrics = Metrics()
+    name: str = "scene"
+
+    @pydantic.model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.drive.kind == "curvature" and self.fault:
+            raise ValueError('fault: drive.kind = "curvature" has no chambers to fail; use "pressure" or "sequencer"')
+        limit = self.robot.max_pressure_Pa if self.drive.kind != "curvature" else math.inf
+        peak = self.drive.peak_pressure_Pa
+        if self.drive.kind == "pressure" and peak is not None and peak + self.drive.co_contraction_Pa > limit:
+            raise ValueError(f"drive.peak_pressure_Pa = {peak:g}: above the robot's limit of {limit:g} Pa")
+        if self.drive.kind == "sequencer" and self.world.ground == "none":
+            raise ValueError('world.ground = "none": the sequencer rolls on a floor; use drive.kind "pressure" afloat')
+        curvature = self.drive.curvature_1_m
+        if curvature is not None and curvature * self.robot.length_m > 2 * math.pi:
+            raise ValueError(
+                f"drive.curvature_1_m = {curvature:g}: bends a tube of {self.robot.length_m:g} m by more than a full "
+                f"circle; at most {2 * math.pi / self.robot.length_m:.3g}"
+            )
+        if curvature is not None and curvature * self.robot.radius_m >= 1.0:
+            raise ValueError(f"drive.curvature_1_m = {curvature:g}: the inner side would fold; stay below 1/radius_m")
+        return self
+
+    @property
+    def steady_after_s(self) -> float:
+        """From when revolutions and displacement count [s]: two cycles after the start, unless stated."""
+        if self.metrics.steady_after_s is not None:
+            return self.metrics.steady_after_s
+        if self.drive.kind == "sequencer":
+            return self.sequencer.start_s + 2.0
+        return self.drive.start_s + 2.0 * self.drive.period_s
+
+    def table(self) -> Table:
+        """The scene as the tables of a scene file, every default written out."""
+        table = self.model_dump(by_alias=True, exclude_none=True, mode="json")
+        return {key: value for key, value in table.items() if value not in ({}, [])}
+
+
+def load_scene(path: Path, assignments: tuple[str, ...] = ()) -> Scene:
+    """A scene file with `--set` assignments laid over it. Raises InputError that names file, key and mend.
+
+    `robot = "file.toml"` is read from the scene's folder; assignments reach into it as into any table.
+    """
+    return scene_from(read_toml(path), str(path), path.parent, assignments)
+
+
+def scene_from(table: Table, source: str, folder: Path, assignments: tuple[str, ...] = ()) -> Scene:
+    """A scene from its tables; `folder` is where a robot file is looked for."""
+    named = next((a.split("=", 1)[1] for a in assignments if a.split("=", 1)[0].strip() == "robot" and "=" in a), None)
+    tables: dict[str, Any] = dict(table)
+    if named is not None:
+        assignments = tuple(a for a in assignments if a.split("=", 1)[0].strip() != "robot")
+        tables["robot"] = named.strip().strip('"')
+    robot = tables.get("robot")
+    if isinstance(robot, str):
+        tables["robot"], robot_source = robot_table(robot, folder)
+        robot_from(tables["robot"], robot_source)  # name the robot's own file in its errors
+    tables.setdefault("name", Path(source).stem)
+    tables = override(tables, assignments)
+    scene = check(Scene, tables, source)
+    if scene.metrics.steady_after_s is not None and scene.metrics.steady_after_s >= scene.solver.duration_s:
+        raise InputError(
+            f"{source}: metrics.steady_after_s = {scene.metrics.steady_after_s:g}: not before the end at "
+            f"solver.duration_s = {scene.solver.duration_s:g}"
+        )
+    return scene

@@ -1,0 +1,199 @@
+"""Metrics of a run from its telemetry alone, and the `summary.json` they make.
+
+Nothing here sees a twin or a sequencer: rolled revolutions, displacement, stalls and the rest follow from the recorded
+trajectory, detections and recoveries from the events that were recorded beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from sim.scene import Scene
+from sim.trajectory import wrapped
+from softbot.cross_section import CHAMBER_ANGLES_RAD
+from softbot.faults import FaultKind
+
+SUMMARY_SCHEMA = "softbot-summary-1"
+
+STALL_WINDOW_S = 1.2
+STALL_ROLL_RAD = 0.3
+"""A robot whose roll spans less than this over the window has stalled: it may rock a little, but does not get on."""
+_BENT_RAD = 0.15
+
+DEAD_KINDS = frozenset({FaultKind.RUPTURE, FaultKind.BLOCKED_INLET})
+
+
+@dataclass
+class Events:
+    """What happened in a run, in the order of `summary.json`'s lists."""
+
+    faults: list[dict[str, Any]] = field(default_factory=list)
+    detections: list[dict[str, Any]] = field(default_factory=list)
+    recoveries: list[dict[str, Any]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What the run took: steps, simulated time [s] and wall time of the solver loop alone [s]."""
+
+    steps: int
+    sim_time_s: float
+    wall_time_s: float
+
+
+def summarise(scene: Scene, telemetry: pa.Table, events: Events, cost: Cost, outcome: str) -> dict[str, Any]:
+    """The run's summary (design part 5). `outcome`: "done", "interrupted" or "failed: why"."""
+    column = _columns(telemetry)
+    t_s, roll = column["t_s"], column["roll_rad"]
+    steady = t_s >= scene.steady_after_s - 1e-9
+    moved = {"revolutions": 0.0, "displacement_m": [0.0, 0.0], "plane_rotation_rad": 0.0, "steady_span_s": 0.0}
+    advance = None
+    if steady.sum() >= 2:
+        first, last = int(np.argmax(steady)), len(t_s) - 1
+        revolutions = float(roll[last] - roll[first]) / (2.0 * math.pi)
+        displacement = [float(column[f"com_{axis}_m"][last] - column[f"com_{axis}_m"][first]) for axis in "xy"]
+        moved = {
+            "revolutions": revolutions,
+            "displacement_m": displacement,
+            "plane_rotation_rad": float(column["plane_rotation_rad"][last] - column["plane_rotation_rad"][first]),
+            "steady_span_s": float(t_s[last] - t_s[first]),
+        }
+        if abs(revolutions) > 0.01:
+            advance = math.hypot(*displacement) / abs(revolutions)
+    matched = _match(events)
+    return {
+        "schema": SUMMARY_SCHEMA,
+        "scene": scene.name,
+        "outcome": outcome,
+        "twin": scene.solver.twin,
+        "accuracy": scene.solver.accuracy,
+        "sim_time_s": cost.sim_time_s,
+        "wall_time_s": cost.wall_time_s,
+        "real_time_factor": cost.sim_time_s / cost.wall_time_s if cost.wall_time_s > 0.0 else None,
+        "steps": cost.steps,
+        **moved,
+        "advance_per_revolution_m": advance,
+        "total_revolutions": float(roll[-1] - roll[0]) / (2.0 * math.pi) if len(roll) else 0.0,
+        "bend_rad": float(column["bend_rad"][-1]) if len(t_s) else None,
+        "angular_momentum_max_kg_m2_s": _largest(column["angular_momentum_kg_m2_s"]),
+        "stalls": [asdict(stall) for stall in find_stalls(column, events.faults)],
+        "faults": events.faults,
+        "detections": matched["detections"],
+        "recoveries": events.recoveries,
+        "false_alarms": matched["false_alarms"],
+        "missed_faults": matched["missed_faults"],
+    }
+
+
+@dataclass(frozen=True)
+class Stall:
+    """Rolling stopped at `t_s` with `chamber` (the dead one; −1: none is dead) at the angle θ from the inner side."""
+
+    t_s: float
+    until_s: float
+    chamber: int
+    theta_rad: float
+
+
+def find_stalls(column: dict[str, NDArray[np.float64]], faults: list[dict[str, Any]]) -> list[Stall]:
+    """Times at which a bent robot that had rolled stopped rolling; `until_s` is when it went on (or the end)."""
+    t_s, roll, bend = column["t_s"], column["roll_rad"], column["bend_rad"]
+    if len(t_s) < 3:
+        return []
+    window = max(2, round(STALL_WINDOW_S / float(np.median(np.diff(t_s)))))
+    if len(t_s) <= window:
+        return []
+    spans = np.lib.stride_tricks.sliding_window_view(roll, window)
+    still = (spans.max(axis=1) - spans.min(axis=1) < STALL_ROLL_RAD) & (bend[: len(spans)] > _BENT_RAD)
+    stalls: list[Stall] = []
+    index, rolled = 0, False
+    while index < len(still):
+        if not still[index]:
+            rolled = rolled or abs(roll[index] - roll[0]) > 0.5
+            index += 1
+            continue
+        end = index
+        while end + 1 < len(still) and still[end + 1]:
+            end += 1
+        if rolled:
+            last = min(end + window - 1, len(t_s) - 1)
+            rest = roll[(index + last) // 2 : (index + last) // 2 + window // 2]
+            inside = np.abs(roll[index : last + 1] - 0.5 * (rest.min() + rest.max())) <= 0.5 * np.ptp(rest) + 0.02
+            stopped, until = index + int(np.argmax(inside)), last - int(np.argmax(inside[::-1]))
+            dead = [f for f in faults if f["t_s"] <= t_s[stopped] and f["kind"] in DEAD_KINDS]
+            chamber, theta = -1, math.nan
+            if dead:
+                chamber = int(dead[-1]["chamber"])
+                theta = wrapped(
+                    CHAMBER_ANGLES_RAD[chamber] - float(column["bend_direction_rad"][(stopped + until) // 2])
+                )
+            stalls.append(Stall(float(t_s[stopped]), float(t_s[until]), chamber, theta))
+        index = end + 1
+    return stalls
+
+
+def write_summary(run_dir: Path, summary: dict[str, Any]) -> None:
+    """Write `summary.json`, atomically; numbers that are not finite become null."""
+    partial = run_dir / "summary.json.partial"
+    partial.write_text(json.dumps(_plain(summary), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(partial, run_dir / "summary.json")
+
+
+def _match(events: Events) -> dict[str, Any]:
+    """Each detection to the earliest fault of its chamber and kind before it; the rest are false alarms."""
+    open_faults = list(events.faults)
+    detections, false_alarms = [], 0
+    for found in events.detections:
+        cause = next(
+            (
+                f
+                for f in open_faults
+                if f["chamber"] == found["chamber"] and f["kind"] == found["kind"] and f["t_s"] <= found["t_s"]
+            ),
+            None,
+        )
+        if cause is None:
+            known = any(
+                f["chamber"] == found["chamber"] and f["kind"] == found["kind"] and f["t_s"] <= found["t_s"]
+                for f in events.faults
+            )
+            false_alarms += 0 if known else 1
+            detections.append({**found, "delay_s": None})
+        else:
+            open_faults.remove(cause)
+            detections.append({**found, "delay_s": found["t_s"] - cause["t_s"]})
+    return {"detections": detections, "false_alarms": false_alarms, "missed_faults": len(open_faults)}
+
+
+def _columns(telemetry: pa.Table) -> dict[str, NDArray[np.float64]]:
+    return {
+        name: telemetry.column(name).to_numpy()
+        for name in telemetry.column_names
+        if not pa.types.is_string(telemetry.schema.field(name).type)
+    }
+
+
+def _largest(values: NDArray[np.float64]) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.max()) if len(finite) else None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer):
+        return int(value)
+    return value

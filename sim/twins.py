@@ -1,0 +1,49 @@
+"""Which twin a scene gets: its engine, step and resolution, from `[solver]`."""
+
+from __future__ import annotations
+
+from sim.body import Body, Twin, World
+from sim.scene import CONTROL_PERIOD_S, Scene
+from softbot.errors import InputError
+
+# accuracy → step [s] and resolution; how well each does stands in benchmarks/segment_twin.md
+BULLET = {"fast": (0.005, 10), "standard": (0.0025, 10), "reference": (0.001, 20)}
+ROD = {"fast": (0.005, 2, 12), "standard": (0.0025, 3, 16), "reference": (0.001, 4, 32)}
+
+
+def steps_per_period(step_s: float) -> int:
+    """Steps of the twin in one control period. Raises InputError when the step does not divide it."""
+    steps = round(CONTROL_PERIOD_S / step_s)
+    if steps < 1 or abs(steps * step_s - CONTROL_PERIOD_S) > 1e-9:
+        raise InputError(
+            f"solver.step_s = {step_s:g}: must divide the control period of {CONTROL_PERIOD_S:g} s; "
+            "take 0.01, 0.005, 0.0025, 0.002, 0.001 …"
+        )
+    return steps
+
+
+def make_twin(scene: Scene, *, gui: bool = False) -> Twin:
+    """The twin of a scene, straight and at rest. Stretch is left out where no chamber drives it."""
+    body = Body.of(scene.robot)
+    world = World(
+        scene.world.gravity_m_s2, scene.world.ground == "plane", scene.world.friction, scene.world.friction_law
+    )
+    stretches = scene.drive.kind != "curvature"
+    solver = scene.solver
+    if gui and solver.twin != "bullet":
+        raise InputError('--gui: only the segment twin has a window; add --set solver.twin="bullet"')
+    if solver.twin == "bullet":
+        from sim.bullet import BulletTwin
+
+        step_s, segments = BULLET[solver.accuracy]
+        step_s = solver.step_s or step_s
+        steps_per_period(step_s)
+        return BulletTwin(
+            body, world, segments=solver.segments or segments, step_s=step_s, stretches=stretches, gui=gui
+        )
+    from sim.rod import RodTwin
+
+    step_s, modes, points = ROD[solver.accuracy]
+    step_s = solver.step_s or step_s
+    steps_per_period(step_s)
+    return RodTwin(body, world, modes=solver.modes or modes, contact_points=points, step_s=step_s, stretches=stretches)

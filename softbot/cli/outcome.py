@@ -1,0 +1,57 @@
+"""A run's end on the terminal: what happened in a sentence, the numbers that matter, and where everything is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+FILES = (("report", "report.html"), ("telemetry", "telemetry.parquet"), ("bus log", "bus.log"))
+"""What a reader looks for in a run folder."""
+
+
+def show(folder: Path) -> None:
+    """Print the outcome of the run in a folder on standard output."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from softbot.report.headline import headline
+    from softbot.report.recording import read_recording
+
+    recording = read_recording(folder)
+    console = Console()
+    console.print(headline(recording), style="bold", highlight=False)
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in rows(recording.summary):
+        table.add_row(f"{name:11}", value)
+    console.print(table)
+    for label, name in FILES:
+        if (folder / name).exists():
+            console.print(f"{label:12} {folder / name}", soft_wrap=True, highlight=False)
+
+
+def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Names and values with units of the summary's main numbers; what a run does not have is left out."""
+    advance_m = summary.get("advance_per_revolution_m")
+    factor = summary.get("real_time_factor")
+    x_m, y_m = summary["displacement_m"]
+    found = [
+        ("revolutions", f"{summary['revolutions']:+.2f} in {summary['steady_span_s']:.1f} s"),
+        ("moved", f"{100.0 * x_m:+.1f} cm along, {100.0 * y_m:+.1f} cm to the left"),
+    ]
+    if advance_m is not None:
+        found.append(("advance", f"{1e3 * advance_m:.1f} mm per revolution"))
+    for fault in summary["faults"]:
+        found.append(("fault", f"{fault['t_s']:.2f} s: {_words(fault)}"))
+    for one in summary["detections"]:
+        delay_s = one.get("delay_s")
+        late = "false alarm" if delay_s is None else f"{1e3 * delay_s:.0f} ms after it struck"
+        found.append(("detected", f"{one['t_s']:.2f} s: {_words(one)} ({late})"))
+    for answer in summary["recoveries"]:
+        found.append(("answered", f"{answer['t_s']:.2f} s: {str(answer['strategy']).replace('_', ' ')}"))
+    if factor is not None:
+        found.append(("speed", f"{factor:.1f} x real time ({summary['twin']} twin, {summary['accuracy']})"))
+    return found
+
+
+def _words(event: dict[str, Any]) -> str:
+    return f"chamber {event['chamber']}, {str(event['kind']).replace('_', ' ')}"

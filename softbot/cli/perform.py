@@ -1,0 +1,66 @@
+"""One scene run and reported, as `run` and `demo` do it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softbot.cli.streams import messages, nothing_printed, progress_bar
+
+if TYPE_CHECKING:
+    from sim.scene import Scene
+
+
+def perform(scene: Scene, folder: Path, *, json: bool, gui: bool = False, wall_clock: bool = False) -> None:
+    """Run a scene into a folder, write its report, and print the outcome (`json`: the summary and nothing else)."""
+    import_twin(scene)
+    with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
+        with messages().status("preparing (the first run on a machine compiles: up to a minute)"):
+            from softbot.nodes.run import paced, run_scene
+            from softbot.nodes.valve_loop import designed_gains
+            from softbot.nodes.warm_up import warm_up
+
+            warm_up(scene)
+            if scene.drive.kind != "curvature":
+                designed_gains(scene.robot)  # kept for the run
+        with kept(folder), progress_bar(f"{scene.name}, {scene.solver.twin} twin", scene.solver.duration_s) as show:
+            run_scene(scene, folder, progress=paced(show) if wall_clock else show, gui=gui)
+        with messages().status("writing the report"):
+            from softbot.report import write_report
+
+            write_report(folder)
+    print_outcome(folder, json=json)
+
+
+def print_outcome(folder: Path, *, json: bool) -> None:
+    """The run in a folder, in words and numbers, or its summary as it stands in the file."""
+    import typer
+
+    if json:
+        typer.echo((folder / "summary.json").read_text(encoding="utf-8"), nl=False)
+        return
+    from softbot.cli.outcome import show
+
+    show(folder)
+
+
+@contextlib.contextmanager
+def kept(folder: Path) -> Iterator[None]:
+    """Say where the recording is when the run inside does not come to its end."""
+    import typer
+
+    try:
+        yield
+    except BaseException:
+        if (folder / "summary.json").exists():
+            typer.echo(f"softbot: what was recorded is kept in {folder}", err=True)
+        raise
+
+
+def import_twin(scene: Scene) -> None:
+    """PyBullet greets on standard error when it is imported: once, here, unheard."""
+    if scene.solver.twin == "bullet":
+        with nothing_printed():
+            import pybullet  # noqa: F401

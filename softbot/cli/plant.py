@@ -1,0 +1,42 @@
+"""`softbot plant`: valve board and robot on a CAN bus, in wall-clock time."""
+
+from __future__ import annotations
+
+from softbot.cli.options import Assignments, Channel, Gui, Interface, Json, Out, SceneFile
+
+
+def plant(
+    scene: SceneFile,
+    interface: Interface = "socketcan",
+    channel: Channel = "vcan0",
+    out: Out = None,
+    assignments: Assignments = None,
+    json: Json = False,
+    gui: Gui = False,
+) -> None:
+    """Be the plant on a CAN bus.
+
+    For the duration of the scene or until stopped; Ctrl-C vents the robot and closes the files.
+    """
+    import contextlib
+
+    import typer
+
+    from sim.scene import load_scene
+    from softbot.cli.perform import import_twin, kept, print_outcome
+    from softbot.cli.run_folder import open_run_folder
+    from softbot.cli.streams import nothing_printed, progress_bar
+
+    checked = load_scene(scene, tuple(assignments or ()))
+    folder = open_run_folder(f"{checked.name}-plant", out)
+    import_twin(checked)
+    with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
+        from softbot.nodes.wall_clock import run_plant, stopped_by_signals
+        from softbot.report import write_report
+
+        title = f"plant on {interface} {channel}"
+        with kept(folder), stopped_by_signals() as stop, progress_bar(title, checked.solver.duration_s) as show:
+            run = run_plant(checked, interface, channel, folder, stop=stop, progress=show, gui=gui)
+        write_report(folder)
+    typer.echo(f"softbot: {run.timing}", err=True)
+    print_outcome(folder, json=json)

@@ -1,0 +1,49 @@
+"""Where a run goes: a new folder under `runs/`, or the one that `--out` names.
+
+Without `--out` nothing is ever overwritten: `runs/NAME`, then `runs/NAME-2` and so on. With `--out` the folder is the
+user's choice: an earlier run in it is replaced, but a folder that holds anything else and no run is refused.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from softbot.errors import InputError
+
+RUNS = Path("runs")
+_MADE_FROM_A_RUN = ("report.html", "bus.log", "calibration.png", "robot.toml")
+
+
+def open_run_folder(name: str, out: Path | None) -> Path:
+    """The folder of a run of scene `name`, made, and free of pages made from an earlier run.
+
+    Raises InputError when `out` is a file or a folder of something else, or cannot be made.
+    """
+    folder = _new_folder(name) if out is None else out
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out {folder}: is a file; name a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not is_run_folder(folder):
+        raise InputError(f"--out {folder}: holds files and no run, so nothing is written there; name another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for made in _MADE_FROM_A_RUN:
+            (folder / made).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
+    return folder
+
+
+def is_run_folder(folder: Path) -> bool:
+    """Whether a folder holds a run, whole or killed."""
+    return (folder / "scene.toml").is_file() and any(
+        (folder / name).is_file() for name in ("telemetry.parquet", "telemetry.arrow")
+    )
+
+
+def _new_folder(name: str) -> Path:
+    safe = "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in name).strip(".") or "run"
+    folder, number = RUNS / safe, 1
+    while folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        number += 1
+        folder = RUNS / f"{safe}-{number}"
+    return folder

@@ -1,0 +1,68 @@
+"""`softbot sequence`: the sequencer on a CAN bus, in wall-clock time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softbot.cli.options import Assignments, Channel, Interface, Json, SceneFile
+
+if TYPE_CHECKING:
+    from softbot.nodes.sequencer_node import SequencerNode
+
+
+def sequence(
+    scene: SceneFile,
+    interface: Interface = "socketcan",
+    channel: Channel = "vcan0",
+    assignments: Assignments = None,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", help="Stop after this time; default: until stopped.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Be the sequencer on a CAN bus.
+
+    Takes robot and orders from the scene, and goes on until stopped; Ctrl-C disarms the board. Says on standard
+    error what it does. Exit status 3 when the board vents or falls silent while it is armed.
+    """
+    import json as json_format
+
+    from firmware_protocol.sequencer_link import LinkFailure
+    from sim.scene import load_scene
+    from softbot.errors import SimulationError
+    from softbot.nodes.wall_clock import run_sequencer, sequencer_report, stopped_by_signals
+
+    checked = load_scene(scene, tuple(assignments or ()))
+    with stopped_by_signals() as stop:
+        run = run_sequencer(
+            checked, interface, channel, stop=stop, duration_s=duration_s, report=Narrator(f"{interface} {channel}")
+        )
+    typer.echo(f"softbot: {run.timing}", err=True)
+    if json:
+        typer.echo(json_format.dumps(sequencer_report(run)))
+    if run.link_failure is not LinkFailure.NONE:
+        raise SimulationError(f"the link to the board failed: {str(run.link_failure).replace('_', ' ')}")
+
+
+class Narrator:
+    """Says on standard error what changed in a sequencer since it was last shown."""
+
+    def __init__(self, bus: str) -> None:
+        self._bus = bus
+        self._last = ""
+        self._told = 0
+
+    def __call__(self, node: SequencerNode) -> None:
+        """Show the node after a cycle."""
+        readings = node.link.readings
+        link = f"link {str(node.link.state).replace('_', ' ')}, {node.state}"
+        now = f"waiting for the board on {self._bus}" if readings.board_mode is None else link
+        if now != self._last:
+            self._last = now
+            typer.echo(f"softbot: {now}", err=True)
+        for found in node.detections[self._told :]:
+            kind = str(found.kind).replace("_", " ")
+            typer.echo(f"softbot: found: chamber {found.chamber}, {kind} ({100.0 * found.confidence:.0f} %)", err=True)
+        self._told = len(node.detections)

@@ -1,0 +1,107 @@
+"""The plant's end of the bus: the valve board (rules, pressure loop, sensors) and the robot behind it.
+
+One cycle a control period: frames in; the sensors are read; the board's rules decide; the pressure loop opens the
+valves, or they stand in their safe state; measurements out. `advance` then runs the robot for one period and records
+the truth. What the node knows of the sequencer is what it heard on the bus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.pressure_loop import PressureLoopGains
+from firmware_protocol.board import BoardLimits, BoardRules
+from firmware_protocol.enumerations import SafeReason
+from firmware_protocol.errors import LimitsError
+from firmware_protocol.frame import Frame
+from sim.body import Twin
+from sim.plant import Plant
+from sim.recorder import Recorder
+from sim.scene import Scene
+from sim.twins import steps_per_period
+from softbot.errors import InputError
+from softbot.faults import CHAMBER_COUNT
+from softbot.nodes.heard import Heard
+from softbot.nodes.valve_loop import ValveLoop
+from softbot.robot import Robot
+
+FloatArray = NDArray[np.float64]
+
+_VENTING = np.full(CHAMBER_COUNT, -1.0)
+_CHALLENGES = 0xFFFF
+
+
+def board_limits(robot: Robot) -> BoardLimits:
+    """What the board enforces for a robot. Raises InputError when its two pressure limits leave no room."""
+    try:
+        return BoardLimits(robot.max_pressure_Pa, robot.pneumatics.max_chamber_pressure_Pa)
+    except LimitsError:
+        raise InputError(
+            f"robot.pneumatics.max_chamber_pressure_Pa = {robot.pneumatics.max_chamber_pressure_Pa:g}: the valve board "
+            f"vents there, so it must be above the highest pressure commanded, {robot.max_pressure_Pa:g} Pa "
+            "(robot.actuator.max_pressure_Pa), and at most 809.1 kPa; raise the one or lower the other"
+        ) from None
+
+
+class PlantNode:
+    """Valve board and robot of one scene. `twin` and `recorder` belong to the caller, who closes them."""
+
+    def __init__(self, scene: Scene, twin: Twin, recorder: Recorder, gains: PressureLoopGains | None = None) -> None:
+        self.rules = BoardRules(board_limits(scene.robot), challenge_seed=1 + scene.solver.seed % _CHALLENGES)
+        self.plant = Plant(scene.robot, twin, scene.fault, scene.world.gravity_m_s2, scene.solver.seed)
+        self.heard = Heard()
+        self._twin, self._recorder = twin, recorder
+        self._steps = steps_per_period(twin.step_s)
+        self._valves = ValveLoop(scene.robot, gains)
+        self._opening: FloatArray = _VENTING
+        self._main_supply_open = False
+        self._command_Pa: FloatArray = np.zeros(CHAMBER_COUNT)
+
+    def cycle(self, t_s: float, frames: Iterable[Frame]) -> list[Frame]:
+        """The board's cycle at `t_s` on its own clock: what came since the last one in, what is due out."""
+        for frame in frames:
+            received = self.rules.receive(frame.frame_id, frame.data, t_s)
+            if received.status.accepted:
+                self.heard.listen(str(received.name), received.signals, self.plant.t_s)
+        self._recorder.start_clock()
+        readings = self.plant.read_sensors()
+        decision = self.rules.tick(t_s, readings.pressure_Pa.tolist())
+        self._command_Pa = np.array(decision.setpoints_Pa)
+        self._main_supply_open = decision.main_supply_open
+        if decision.safe:
+            self._opening = _VENTING
+            self._valves.rest(readings.pressure_Pa)
+        else:
+            self._opening = self._valves.openings(self._command_Pa, readings)
+        self._recorder.stop_clock()
+        return self.rules.outgoing(t_s) + self.rules.measurements(
+            t_s,
+            pressures_Pa=readings.pressure_Pa.tolist(),
+            openings=self._opening.tolist(),
+            supply_pressure_Pa=readings.supply_Pa,
+            main_supply_open=self._main_supply_open,
+            angular_velocity_rad_s=readings.gyro_rad_s.tolist(),
+            specific_force_m_s2=readings.accelerometer_m_s2.tolist(),
+        )
+
+    def advance(self) -> None:
+        """Run the robot for one control period as the valves stand, and record it."""
+        self._recorder.start_clock()
+        struck = self.plant.advance(self._opening, self._main_supply_open, self._steps)
+        self._recorder.stop_clock()
+        self._recorder.events.faults += [{"t_s": f.t_s, "chamber": f.chamber, "kind": str(f.kind)} for f in struck]
+        self._recorder.sample(
+            self.plant.t_s,
+            self._twin,
+            self.plant.motion,
+            pressure_Pa=self.plant.pressure_Pa,
+            command_Pa=self._command_Pa,
+            state=str(self.heard.state),
+        )
+
+    def vent(self, reason: SafeReason = SafeReason.EMERGENCY_STOP) -> None:
+        """Latch the safe state: the plant is being shut down."""
+        self.rules.report_failure(reason)

@@ -1,0 +1,49 @@
+"""Any scene in, its run out: who drives the robot follows from `drive.kind`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from sim.run import Progress, RunResult, quiet, simulate
+from sim.scene import Scene
+from softbot.nodes.lockstep import run_lockstep
+from softbot.nodes.valve_loop import ValveLoop
+from softbot.nodes.warm_up import warm_up
+
+
+def run_scene(scene: Scene, run_dir: Path | None = None, *, progress: Progress = quiet, gui: bool = False) -> RunResult:
+    """Run a scene, into `run_dir` or (None) into memory.
+
+    "curvature": the twin alone; "pressure": the plant with the pressure loop on its valves; "sequencer": plant and
+    sequencer in lock-step on a bus. Raises InputError for a scene that cannot be run, SimulationError when the run
+    fails; when it fails or is interrupted, what was recorded is kept.
+    """
+    warm_up(scene)
+    if scene.drive.kind == "curvature":
+        return simulate(scene, run_dir, progress=progress, gui=gui)
+    if scene.drive.kind == "pressure":
+        return simulate(scene, run_dir, valves=ValveLoop(scene.robot), progress=progress, gui=gui)
+    return run_lockstep(scene, run_dir, progress=progress, gui=gui)
+
+
+def paced(
+    progress: Progress,
+    *,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Progress:
+    """A progress that also holds a run back to wall-clock time, for watching it; a slower run is left alone."""
+    started_s: float | None = None
+
+    def hold(t_s: float) -> None:
+        nonlocal started_s
+        if started_s is None:
+            started_s = clock() - t_s
+        progress(t_s)
+        ahead_s = started_s + t_s - clock()
+        if ahead_s > 0.0:
+            sleep(ahead_s)
+
+    return hold

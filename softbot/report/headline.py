@@ -1,0 +1,178 @@
+"""What happened in a run, in a sentence or two made from its data.
+
+Rolling is counted from the telemetry over the whole recording (the summary counts it over the steady span only), so
+that the parts before and after a fault add up.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from softbot.report.recording import Recording
+
+STILL_REV = 0.05
+"""Turning by less than this is standing still."""
+
+FAULT_WORDS = {
+    "rupture": "lost chamber {chamber} at {t} (rupture)",
+    "leak": "got a leak in chamber {chamber} at {t}",
+    "blocked_inlet": "lost chamber {chamber} at {t} (blocked inlet)",
+    "stuck_open": "had the valve of chamber {chamber} stick open at {t}",
+    "stuck_closed": "lost chamber {chamber} at {t} (valve stuck closed)",
+    "sensor_offset": "had the pressure sensor of chamber {chamber} drift off at {t}",
+    "sensor_stuck": "had the pressure sensor of chamber {chamber} freeze at {t}",
+}
+
+
+def headline(recording: Recording) -> str:
+    """One sentence on the run, and one each for false alarms and for an early end where there were any."""
+    end_s = float(recording.t_s[-1])
+    faults = [fault for fault in recording.events("faults") if fault["t_s"] <= end_s]
+    first_fault_s = float(faults[0]["t_s"]) if faults else end_s
+    clauses = _before(recording, first_fault_s)
+    for index, fault in enumerate(faults):
+        until_s = float(faults[index + 1]["t_s"]) if index + 1 < len(faults) else end_s
+        clauses += _after(recording, fault, until_s, first_fault_s)
+    sentence = _joined(clauses)
+    sentences = [sentence[0].upper() + sentence[1:] + "."]
+    sentences += _false_alarms(recording) + _early_end(recording, end_s)
+    return " ".join(sentences)
+
+
+def turned_rev(recording: Recording, start_s: float, end_s: float) -> float:
+    """Signed roll between two times [revolutions]."""
+    start, end = np.interp([start_s, end_s], recording.t_s, recording.roll_rev)
+    return float(end - start)
+
+
+def spoken_kind(kind: object) -> str:
+    """A fault kind or a strategy in words: `blocked_inlet` -> "blocked inlet"."""
+    return str(kind).replace("_", " ").replace("-", " ")
+
+
+def spoken_time(t_s: float) -> str:
+    """A time as people say it: two figures below ten seconds, one decimal above."""
+    return f"{t_s:.2g} s" if 0 < abs(t_s) < 1 else f"{t_s:.1f} s"
+
+
+def _before(recording: Recording, until_s: float) -> list[str]:
+    start_s = float(recording.t_s[0])
+    turned = abs(turned_rev(recording, start_s, until_s))
+    if not recording.has_ground:
+        return [f"floating without ground, turned {_revolutions(turned)} about its own axis"]
+    if turned < STILL_REV:
+        return [f"did not roll for {spoken_time(until_s - start_s)}"]
+    command = recording.table("sequencer").get("command") if recording.drive_kind == "sequencer" else None
+    direction = f" {command}" if command in ("left", "right") else ""
+    clauses = [f"rolled {_revolutions(turned)}{direction}"]
+    if not recording.events("faults"):
+        clauses.append(f"moved {100.0 * _moved_m(recording):.3g} cm across the floor")
+    return clauses
+
+
+def _moved_m(recording: Recording) -> float:
+    """Distance on the floor between the first and the last recorded centre of mass [m]."""
+    ends = []
+    for axis in "xy":
+        values = recording.columns[f"com_{axis}_m"]
+        values = values[np.isfinite(values)]
+        ends.append(float(values[-1] - values[0]))
+    return math.hypot(*ends)
+
+
+def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fault_s: float) -> list[str]:
+    t_s, chamber = float(fault["t_s"]), fault.get("chamber")
+    words = FAULT_WORDS.get(str(fault.get("kind")), "met a fault in chamber {chamber} at {t}")
+    clauses = [words.format(chamber=chamber, t=spoken_time(t_s))]
+    timed: list[tuple[float, int, str]] = []  # the number orders what happens at the same time
+
+    named = next((d for d in _within(recording, "detections", t_s, until_s) if d.get("chamber") == chamber), None)
+    if named is not None:
+        timed.append((float(named["t_s"]), 1, _naming(named, fault)))
+    elif recording.drive_kind == "sequencer":
+        clauses.append("did not notice")
+
+    recoveries = _within(recording, "recoveries", t_s, until_s)
+    stalls = _within(recording, "stalls", t_s, until_s)
+    standing = _stands_at_end(recording, t_s, until_s)
+    if recoveries:
+        times = f" {len(recoveries)} times" if len(recoveries) > 1 else ""
+        timed.append((float(recoveries[0]["t_s"]), 2, f"reversed its curvature{times}"))
+    if stalls and (recoveries or not standing):
+        timed.append((float(stalls[0]["t_s"]), 0, "stopped"))
+    clauses += [clause for *_, clause in sorted(timed)]
+
+    before = turned_rev(recording, float(recording.t_s[0]), first_fault_s)
+    more = turned_rev(recording, t_s, until_s)
+    if recoveries:
+        clauses.append(_more(more, before) if abs(more) >= STILL_REV else "got no further")
+    elif standing:
+        if abs(more) >= STILL_REV:
+            clauses.append(_more(more, before))
+        clauses.append("stopped and stayed")
+    else:
+        clauses.append(_more(more, before))
+    return clauses
+
+
+def _naming(detection: dict[str, Any], fault: dict[str, Any]) -> str:
+    delay = detection.get("delay_s")
+    delay_s = float(delay) if isinstance(delay, int | float) else float(detection["t_s"]) - float(fault["t_s"])
+    if detection.get("kind") in (None, fault.get("kind")):
+        return f"named it {spoken_time(delay_s)} later"
+    return f"took it for {_article(spoken_kind(detection['kind']))} {spoken_time(delay_s)} later"
+
+
+def _stands_at_end(recording: Recording, start_s: float, end_s: float) -> bool:
+    """Whether the robot stood still over the last fifth of a span (and at least the last half second of it)."""
+    late_s = min(end_s - 0.5, end_s - 0.2 * (end_s - start_s))
+    if late_s <= start_s:
+        return False
+    late = (recording.t_s >= late_s) & (recording.t_s <= end_s)
+    return bool(late.any() and np.ptp(recording.roll_rev[late]) < STILL_REV)
+
+
+def _within(recording: Recording, key: str, start_s: float, end_s: float) -> list[dict[str, Any]]:
+    return [event for event in recording.events(key) if start_s <= event["t_s"] <= end_s]
+
+
+def _more(more: float, before: float) -> str:
+    """How far it rolled on; the direction is compared where it had one before."""
+    if abs(more) < STILL_REV:
+        return "hardly turned"
+    if abs(before) < STILL_REV:
+        return f"rolled {abs(more):.1f} more"
+    way = "in the same direction" if more * before > 0 else "back the other way"
+    return f"rolled {abs(more):.1f} more {way}"
+
+
+def _revolutions(turned: float) -> str:
+    return "1.0 revolution" if f"{turned:.1f}" == "1.0" else f"{turned:.1f} revolutions"
+
+
+def _article(noun: str) -> str:
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
+
+
+def _joined(clauses: list[str]) -> str:
+    if len(clauses) == 1 or " and " in clauses[-1]:
+        return ", ".join(clauses)
+    return ", ".join(clauses[:-1]) + " and " + clauses[-1]
+
+
+def _false_alarms(recording: Recording) -> list[str]:
+    alarms = recording.summary.get("false_alarms")
+    count = len(alarms) if isinstance(alarms, list) else alarms if isinstance(alarms, int) else 0
+    if not count:
+        return []
+    return [f"There {'was 1 false alarm' if count == 1 else f'were {count} false alarms'}."]
+
+
+def _early_end(recording: Recording, end_s: float) -> list[str]:
+    planned = recording.table("solver").get("duration_s")
+    if not isinstance(planned, int | float) or end_s >= 0.98 * planned:
+        return []
+    return [f"The recording ends at {spoken_time(end_s)} of {spoken_time(float(planned))}."]

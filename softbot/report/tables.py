@@ -1,0 +1,119 @@
+"""The tables of the report as HTML: the summary's numbers with their units, and what happened when.
+
+Everything that comes from a file is escaped here, at the one place where text becomes HTML.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any
+
+from softbot.report.headline import spoken_kind
+from softbot.report.recording import Recording
+
+MINUS = "\N{MINUS SIGN}"
+ABSENT = "\N{EM DASH}"
+
+EVENT_TITLES = {"faults": "fault", "stalls": "stall", "detections": "detection", "recoveries": "recovery"}
+"""The lists of the summary that hold events, and what one entry of each is called."""
+
+
+def number(value: object, scale: float = 1.0, figures: int = 4) -> str:
+    """A number times `scale` to some significant figures, with a true minus; a dash for what is no number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return ABSENT
+    if isinstance(value, int) and scale == 1.0:
+        return f"{value:,}".replace(",", "\N{THIN SPACE}").replace("-", MINUS)
+    return f"{value * scale:.{figures}g}".replace("-", MINUS)
+
+
+def _pair(value: object, scale: float) -> str:
+    if not isinstance(value, list | tuple):
+        return ABSENT
+    return ", ".join(number(part, scale) for part in value)
+
+
+def _count(value: object) -> str:
+    return str(len(value)) if isinstance(value, list) else number(value)
+
+
+DEGREES = 180.0 / math.pi
+
+_ROWS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
+    ("sim_time_s", "simulated time", "s", number),
+    ("wall_time_s", "solver time on the clock", "s", number),
+    ("real_time_factor", "times real time", "×", number),
+    ("steps", "solver steps", "", number),
+    ("steady_span_s", "steady span, over which the next four are measured", "s", number),
+    ("revolutions", "revolutions of the mid section (right-handed about its tangent)", "", number),
+    ("displacement_m", "displacement x, y", "cm", lambda value: _pair(value, 100.0)),
+    ("advance_per_revolution_m", "advance per revolution", "mm", lambda value: number(value, 1000.0)),
+    ("plane_rotation_rad", "rotation of the C's plane about its chord", "°", lambda value: number(value, DEGREES)),
+    ("bend_rad", "bend", "°", lambda value: number(value, DEGREES)),
+    ("angular_momentum_max_kg_m2_s", "largest angular momentum", "kg m²/s", number),
+    ("false_alarms", "false alarms", "", _count),
+    ("missed_faults", "missed faults", "", _count),
+)
+
+_ELSEWHERE = frozenset({"schema", "scene", "twin", "accuracy", *EVENT_TITLES})
+"""Keys that the page shows in another place than the table of numbers."""
+
+
+def summary_table(summary: Mapping[str, Any]) -> str:
+    """The summary's numbers as an HTML table; keys that this module does not know come last, as they are."""
+    rows = [
+        (label, text(summary[key]), unit)
+        for key, label, unit, text in _ROWS
+        if key in summary and summary[key] is not None
+    ]
+    known = {key for key, *_ in _ROWS} | _ELSEWHERE
+    rows += [
+        (key, number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value), "")
+        for key, value in summary.items()
+        if key not in known and isinstance(value, str | int | float)
+    ]
+    return "\n".join(
+        f"<tr><th scope='row'>{escape(label)}</th><td>{escape(text)}</td><td class='unit'>{escape(unit)}</td></tr>"
+        for label, text, unit in rows
+    )
+
+
+def event_list(recording: Recording) -> list[dict[str, Any]]:
+    """Faults, stalls, detections and recoveries in order of time: `t_s`, `type`, `text`."""
+    events = [
+        {"t_s": float(entry["t_s"]), "type": title, "text": _event_text(title, entry)}
+        for key, title in EVENT_TITLES.items()
+        for entry in recording.events(key)
+    ]
+    return sorted(events, key=lambda event: float(event["t_s"]))
+
+
+def event_table(recording: Recording) -> str:
+    """What happened when, as rows of an HTML table; a time is a button that takes the animation there."""
+    events = event_list(recording)
+    if not events:
+        return "<tr><td colspan='3' class='quiet'>no faults, stalls or recoveries</td></tr>"
+    return "\n".join(
+        f"<tr><td><button type='button' class='seek' data-t='{event['t_s']:.6g}'>{event['t_s']:.2f} s</button></td>"
+        f"<td><span class='mark {event['type']}'></span>{event['type']}</td><td>{escape(event['text'])}</td></tr>"
+        for event in events
+    )
+
+
+def _event_text(title: str, entry: Mapping[str, Any]) -> str:
+    chamber = entry.get("chamber")
+    where = f"chamber {chamber}" if chamber is not None else ""
+    if title == "recovery":
+        return spoken_kind(entry.get("strategy", "recovery"))
+    if title == "stall":
+        theta = entry.get("theta_rad")
+        at = f"θ = {number(theta, DEGREES, 3)}°" if isinstance(theta, int | float) else ""
+        return ", ".join(part for part in (where, at) if part) or "stopped"
+    kind = spoken_kind(entry.get("kind", ""))
+    text = ", ".join(part for part in (where, kind) if part)
+    delay = entry.get("delay_s")
+    if title == "detection" and isinstance(delay, int | float):
+        text += f", after {number(delay, figures=3)} s"
+    return text

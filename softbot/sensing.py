@@ -1,0 +1,53 @@
+"""The robot's sensors: what they are like (noise, resolution, bias) and what they say (readings)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SensorParameters:
+    """Chamber and supply pressure sensors and the inertial unit at the mid cross-section.
+
+    Noise is the standard deviation of one reading (white), the bias is drawn once a run, both Gaussian.
+    """
+
+    __pydantic_config__: ClassVar[pydantic.ConfigDict] = pydantic.ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    pressure_noise_Pa: float = 500.0
+    pressure_resolution_Pa: float = 100.0
+    pressure_bias_Pa: float = 300.0
+    supply_noise_Pa: float = 1000.0
+    gyro_noise_rad_s: float = 0.005
+    gyro_bias_rad_s: float = 0.01
+    accelerometer_noise_m_s2: float = 0.05
+    accelerometer_bias_m_s2: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name in (item.name for item in fields(self)):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name} must be zero or positive")
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What the robot's sensors say at one instant."""
+
+    t_s: float
+    pressure_Pa: FloatArray
+    """Chambers, shape (4,) [Pa gauge]."""
+    supply_Pa: float
+    """Manifold [Pa gauge]."""
+    gyro_rad_s: FloatArray
+    """Angular velocity in the axes e1, e2, t, shape (3,)."""
+    accelerometer_m_s2: FloatArray
+    """Specific force in the axes e1, e2, t, shape (3,)."""
+    opening: FloatArray
+    """Valve openings that the board commanded over the period before, shape (4,), −1 exhaust … +1 supply."""

@@ -1,0 +1,77 @@
+"""`softbot plant` and `softbot sequence`, each alone on a virtual bus; together they are tested with the nodes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controllers.interface import Detection, SequencerState
+from firmware_protocol.enumerations import BoardMode
+from firmware_protocol.sequencer_link import LinkFailure, SequencerLink
+from softbot.cli.sequence import Narrator
+from softbot.nodes import wall_clock
+from softbot.nodes.fixed_rate import FixedRate
+from softbot.nodes.wall_clock import SequencerRun
+
+VIRTUAL = ("--interface", "virtual", "--channel", "cli-bus-commands")
+
+
+def test_a_plant_runs_for_the_scenes_time_and_is_reported(softbot: Any, scene_file: Path) -> None:
+    result = softbot("plant", scene_file, *VIRTUAL, "--out", "here", "--json")
+    assert result.exit_code == 0, result.stderr
+    summary = json.loads(result.stdout)
+    assert (summary["outcome"], summary["sim_time_s"]) == ("done", 0.5)
+    assert "50 cycles of 10 ms" in result.stderr
+    assert Path("here/report.html").exists()
+
+
+def test_a_sequencer_without_a_board_waits_for_it(softbot: Any, scene_file: Path) -> None:
+    result = softbot("sequence", scene_file, *VIRTUAL, "--duration-s", "0.2", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["state"] == "disarmed"
+    assert result.stderr.count("waiting for the board on virtual cli-bus-commands") == 1
+
+
+@pytest.mark.parametrize("command", ["plant", "sequence"])
+def test_a_bus_that_is_not_there_ends_with_2_and_the_mend(softbot: Any, scene_file: Path, command: str) -> None:
+    result = softbot(command, scene_file, "--channel", "no_such_can")
+    assert result.exit_code == 2
+    assert "no_such_can" in result.stderr
+    assert "ip link" in result.stderr
+
+
+def test_a_link_that_failed_ends_with_3(softbot: Any, scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> SequencerRun:
+        return SequencerRun(SequencerState.PRIMING, LinkFailure.BOARD_SILENT, (), (), FixedRate(0.01).timing())
+
+    monkeypatch.setattr(wall_clock, "run_sequencer", fail)
+    result = softbot("sequence", scene_file, *VIRTUAL, "--json")
+    assert result.exit_code == 3
+    assert "the link to the board failed: board silent" in result.stderr
+    assert json.loads(result.stdout)["link_failure"] == "board_silent"
+
+
+def test_the_narrator_says_each_thing_once(capsys: pytest.CaptureFixture[str]) -> None:
+    class Node:
+        """As much of a sequencer node as is told of."""
+
+        def __init__(self) -> None:
+            self.link = SequencerLink()
+            self.state = SequencerState.DISARMED
+            self.detections: list[Detection] = []
+
+    node, tell = Node(), Narrator("socketcan vcan0")
+    for _ in range(2):
+        tell(node)  # type: ignore[arg-type]
+    node.link.readings.board_mode = BoardMode.DISARMED
+    node.detections.append(Detection(1.0, 2, "blocked_inlet", 0.9))
+    for _ in range(2):
+        tell(node)  # type: ignore[arg-type]
+    assert capsys.readouterr().err.splitlines() == [
+        "softbot: waiting for the board on socketcan vcan0",
+        "softbot: link disarmed, disarmed",
+        "softbot: found: chamber 2, blocked inlet (90 %)",
+    ]

@@ -1,0 +1,42 @@
+"""The numbers that a run ends with on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from softbot.cli.outcome import rows
+
+SUMMARY: dict[str, Any] = {
+    "revolutions": -4.25,
+    "steady_span_s": 17.5,
+    "displacement_m": [0.012, -0.25],
+    "advance_per_revolution_m": 0.0589,
+    "real_time_factor": 2.5,
+    "twin": "bullet",
+    "accuracy": "fast",
+    "faults": [{"t_s": 10.0, "chamber": 2, "kind": "blocked_inlet"}],
+    "detections": [
+        {"t_s": 10.1, "chamber": 2, "kind": "blocked_inlet", "delay_s": 0.1},
+        {"t_s": 11.0, "chamber": 0, "kind": "leak", "delay_s": None},
+    ],
+    "recoveries": [{"t_s": 10.1, "strategy": "curvature_reversal"}],
+}
+
+
+def test_every_number_has_its_unit() -> None:
+    assert rows(SUMMARY) == [
+        ("revolutions", "-4.25 in 17.5 s"),
+        ("moved", "+1.2 cm along, -25.0 cm to the left"),
+        ("advance", "58.9 mm per revolution"),
+        ("fault", "10.00 s: chamber 2, blocked inlet"),
+        ("detected", "10.10 s: chamber 2, blocked inlet (100 ms after it struck)"),
+        ("detected", "11.00 s: chamber 0, leak (false alarm)"),
+        ("answered", "10.10 s: curvature reversal"),
+        ("speed", "2.5 x real time (bullet twin, fast)"),
+    ]
+
+
+def test_what_a_run_does_not_have_is_left_out() -> None:
+    bare = SUMMARY | {"advance_per_revolution_m": None, "real_time_factor": None}
+    bare |= {"faults": [], "detections": [], "recoveries": []}
+    assert [name for name, _ in rows(bare)] == ["revolutions", "moved"]

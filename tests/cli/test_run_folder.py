@@ -1,0 +1,68 @@
+"""Which folder a run may use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from softbot.cli.run_folder import is_run_folder, open_run_folder
+from softbot.errors import InputError
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def _run_in(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    for name in ("scene.toml", "telemetry.parquet", "report.html", "bus.log", "mine.txt"):
+        (folder / name).write_text("old")
+    return folder
+
+
+def test_without_out_the_next_free_name_is_taken() -> None:
+    assert open_run_folder("roll", None) == Path("runs/roll")
+    _run_in(Path("runs/other"))
+    (Path("runs/roll") / "scene.toml").write_text("")
+    assert open_run_folder("roll", None) == Path("runs/roll-2")
+    assert open_run_folder("roll", None) == Path("runs/roll-2")  # still empty: its run never began
+    assert open_run_folder("other", None) == Path("runs/other-2")
+
+
+@pytest.mark.parametrize("name", ["../up", "a/b", "", "..", "sp ace"])
+def test_a_scenes_name_cannot_leave_the_runs_folder(name: str) -> None:
+    folder = open_run_folder(name, None)
+    assert folder.resolve().parent == Path("runs").resolve()
+    assert folder.resolve() != Path("runs").resolve()
+
+
+def test_an_earlier_run_in_out_is_replaced_without_its_old_pages() -> None:
+    folder = _run_in(Path("mine"))
+    assert open_run_folder("roll", folder) == folder
+    assert not (folder / "report.html").exists()
+    assert not (folder / "bus.log").exists()
+    assert (folder / "mine.txt").exists()
+
+
+def test_a_folder_of_something_else_is_refused() -> None:
+    Path("photos").mkdir()
+    Path("photos/cat.png").write_text("cat")
+    with pytest.raises(InputError, match="--out photos: holds files and no run"):
+        open_run_folder("roll", Path("photos"))
+
+
+def test_a_file_is_refused() -> None:
+    Path("file").write_text("")
+    with pytest.raises(InputError, match="--out file: is a file"):
+        open_run_folder("roll", Path("file"))
+    with pytest.raises(InputError, match=r"file/below: cannot be made: .*; choose another --out"):
+        open_run_folder("roll", Path("file/below"))
+
+
+def test_a_killed_run_is_a_run(tmp_path: Path) -> None:
+    for name in ("scene.toml", "telemetry.arrow"):
+        assert not is_run_folder(tmp_path)
+        (tmp_path / name).write_text("")
+    assert is_run_folder(tmp_path)

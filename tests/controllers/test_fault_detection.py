@@ -1,0 +1,105 @@
+"""Fault detection in the closed loop: nothing on a healthy robot, the right name on a broken one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from controllers.fault_detection import FaultDetector
+from controllers.interface import Command
+from softbot.faults import Fault
+from softbot.pneumatics import PneumaticsParameters
+from softbot.sensing import Readings, SensorParameters
+
+
+@pytest.mark.parametrize(("speed_rev_s", "seed"), [(0.1, 0), (0.5, 1), (0.9, 2), (None, 3)])
+def test_a_healthy_robot_raises_no_alarm(closed_loop, speed_rev_s, seed):
+    run = closed_loop(15.0, speed_rev_s=speed_rev_s, seed=seed)
+    assert run.detections == []
+    assert abs(run.turned(5.0, 15.0)) > 0.5  # and it did roll
+
+
+@pytest.mark.parametrize("chamber", [0, 1, 2, 3])
+@pytest.mark.parametrize("t_s", [5.0, 5.37, 5.9])
+def test_a_rupture_is_found_and_named(closed_loop, chamber, t_s):
+    run = closed_loop(t_s + 2.5, faults=(Fault(t_s, chamber, "rupture"),), seed=chamber)
+    assert [(d.chamber, d.kind) for d in run.detections] == [(chamber, "rupture")]
+    # at the latest when the chamber is needed: once in a revolution of 2 s
+    assert 0.0 < run.detections[0].t_s - t_s < 2.0
+    assert run.detections[0].confidence > 0.9
+
+
+@pytest.mark.parametrize(
+    ("kind", "severity", "names"),
+    [
+        ("leak", 1.0, {"leak"}),
+        ("blocked_inlet", 1.0, {"blocked_inlet", "stuck_closed"}),
+        ("stuck_closed", 1.0, {"stuck_closed", "blocked_inlet"}),
+        ("stuck_open", 1.0, {"stuck_open"}),
+        ("sensor_offset", 1.0, {"sensor_offset"}),
+        ("sensor_offset", 0.5, {"sensor_offset"}),
+        ("sensor_stuck", 1.0, {"sensor_stuck"}),
+    ],
+)
+def test_the_other_kinds_are_found_on_the_right_chamber(closed_loop, kind, severity, names):
+    """A blocked inlet and a valve stuck shut look the same while the chamber is empty; both names are right then."""
+    run = closed_loop(9.0, faults=(Fault(5.3, 1, kind, severity),), seed=7, command=Command.RIGHT)
+    assert run.detections
+    first = run.detections[0]
+    assert first.chamber == 1
+    assert first.kind in names
+
+
+def readings(t_s, pressure_Pa, opening=0.0) -> Readings:
+    return Readings(
+        t_s, np.full(4, float(pressure_Pa)), 250e3, np.zeros(3), np.array([0.0, 9.81, 0.0]), np.full(4, float(opening))
+    )
+
+
+def test_a_gap_in_the_readings_restarts_the_models_without_a_verdict():
+    detector = FaultDetector(PneumaticsParameters(), SensorParameters())
+    volume = np.full(4, 50e-6)
+    for cycle in range(100):
+        assert detector.update(readings(cycle * 0.01, 0.0), volume) == ()
+    # after a second of silence all chambers stand at 80 kPa with their valves shut
+    for cycle in range(100):
+        assert detector.update(readings(2.0 + cycle * 0.01, 80e3), volume) == ()
+
+
+def test_readings_that_are_no_numbers_decide_nothing():
+    detector = FaultDetector(PneumaticsParameters(), SensorParameters())
+    volume = np.full(4, 50e-6)
+    for cycle in range(200):
+        value = math.nan if cycle % 3 == 0 else 0.0
+        assert detector.update(readings(cycle * 0.01, value), volume) == ()
+
+
+def test_a_chamber_is_named_once_until_it_is_forgotten():
+    detector = FaultDetector(PneumaticsParameters(), SensorParameters())
+    volume = np.full(4, 50e-6)
+    noise = np.random.default_rng(1)
+    found = []
+
+    def blow(seconds: float, start_s: float) -> None:
+        for cycle in range(round(seconds / 0.01)):  # all valves wide open, and no pressure comes
+            reading = readings(start_s + cycle * 0.01, 0.0, opening=1.0)
+            reading = Readings(
+                reading.t_s,
+                reading.pressure_Pa + 300.0 * noise.standard_normal(4),
+                reading.supply_Pa,
+                reading.gyro_rad_s,
+                reading.accelerometer_m_s2,
+                reading.opening,
+            )
+            found.extend(detector.update(reading, volume))
+
+    blow(1.5, 0.0)
+    assert sorted(d.chamber for d in found) == [0, 1, 2, 3]
+    assert {d.kind for d in found} <= {"blocked_inlet", "rupture"}
+    blow(1.0, 1.5)
+    assert len(found) == 4
+    detector.forget(2)
+    blow(1.0, 2.5)
+    assert [d.chamber for d in found[4:]] == [2]

@@ -1,0 +1,191 @@
+"""The two ends as loops of their own in wall-clock time, joined by nothing but a bus."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controllers.pressure_loop import PressureLoopGains
+from firmware_protocol.bus import opened
+from firmware_protocol.errors import BusError
+from firmware_protocol.sequencer_link import LinkFailure
+from firmware_protocol.trace import read_trace
+from sim.plant import Plant
+from sim.scene import Scene
+from sim.telemetry import read_telemetry
+from softbot.errors import SimulationError
+from softbot.nodes import wall_clock
+from softbot.nodes.wall_clock import run_plant, run_sequencer, sequencer_report, stopped_by_signals
+
+MakeScene = Callable[..., Scene]
+
+
+class Thread(threading.Thread):
+    """A thread whose result or error is handed on by `finish`."""
+
+    def __init__(self, work: Callable[[], Any]) -> None:
+        super().__init__()
+        self._work = work
+        self._result: Any = None
+        self._error: BaseException | None = None
+
+    def run(self) -> None:
+        try:
+            self._result = self._work()
+        except BaseException as error:
+            self._error = error
+
+    def finish(self) -> Any:
+        self.join(timeout=20.0)
+        assert not self.is_alive()
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+
+def test_both_ends_meet_on_a_bus_and_stop_when_told(
+    make_scene: MakeScene, scripted: Any, gains: PressureLoopGains, tmp_path: Path
+) -> None:
+    scene = make_scene("solver.duration_s=30")
+    stop_plant, stop_sequencer = threading.Event(), threading.Event()
+    sequencer = scripted((50e3, 0.0, 0.0, 0.0), script={0.5: (2, "leak")})
+    channel = "wall-clock-both"
+    plant = Thread(lambda: run_plant(scene, "virtual", channel, tmp_path, stop=stop_plant, gains=gains))
+    other = Thread(lambda: run_sequencer(scene, "virtual", channel, stop=stop_sequencer, sequencer=sequencer))
+    plant.start()
+    other.start()
+    deadline_s = time.monotonic() + 10.0
+    while (sequencer.armed_since_s is None or sequencer.script) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    time.sleep(0.4)
+    stop_sequencer.set()
+    sequenced = other.finish()
+    stop_plant.set()
+    planted = plant.finish()
+
+    assert sequencer.armed_since_s is not None
+    assert sequenced.link_failure is LinkFailure.NONE
+    assert [found.chamber for found in sequenced.detections] == [2]
+    telemetry = read_telemetry(tmp_path)
+    pressure = telemetry.column("pressure_0_Pa").to_numpy()
+    assert pressure.max() > 20e3
+    assert pressure[-1] < 0.5 * pressure.max()  # vented before the files were closed
+    assert planted.result.summary["outcome"] == "interrupted"
+    assert [found["chamber"] for found in planted.result.summary["detections"]] == [2]
+    assert "rolling" in telemetry.column("state").to_pylist()
+    assert np.diff(telemetry.column("t_s").to_numpy()) == pytest.approx(0.01)
+    senders = {frame.frame_id < 0x200 for _, frame in read_trace(tmp_path / "bus.log")}
+    assert senders == {True, False}  # both ends' frames are in the plant's log
+    for timing in (planted.timing, sequenced.timing):
+        assert timing.cycles > 50
+        assert 0.0 <= timing.mean_lateness_s <= timing.max_lateness_s
+    assert json.loads(json.dumps(sequencer_report(sequenced)))["timing"]["cycles"] == sequenced.timing.cycles
+
+
+def test_a_plant_that_falls_silent_ends_the_sequencer(
+    make_scene: MakeScene, scripted: Any, gains: PressureLoopGains
+) -> None:
+    scene = make_scene("solver.duration_s=0.7")
+    other = Thread(lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=scripted()))
+    other.start()
+    planted = run_plant(scene, "virtual", "wall-clock-silent", gains=gains)
+    assert planted.result.summary["outcome"] == "done"
+    assert other.finish().link_failure in (LinkFailure.BOARD_SILENT, LinkFailure.MEASUREMENTS_MISSING)
+
+
+def test_a_sequencer_may_end_by_itself(make_scene: MakeScene, scripted: Any) -> None:
+    shown: list[Any] = []
+    run = run_sequencer(
+        make_scene(), "virtual", "wall-clock-alone", duration_s=0.1, sequencer=scripted(), report=shown.append
+    )
+    assert run.link_failure is LinkFailure.NONE
+    assert len(shown) == run.timing.cycles
+
+
+def test_a_sequencer_that_fails_stops_the_board_and_says_why(
+    make_scene: MakeScene, scripted: Any, gains: PressureLoopGains
+) -> None:
+    scene = make_scene("solver.duration_s=30")
+    stop = threading.Event()
+    plant = Thread(lambda: run_plant(scene, "virtual", "wall-clock-failing", stop=stop, gains=gains))
+    plant.start()
+    with opened("virtual", "wall-clock-failing", preserve_timestamps=False) as listener:
+        with pytest.raises(SimulationError, match="the sequencer failed: no bend"):
+            run_sequencer(
+                scene, "virtual", "wall-clock-failing", sequencer=scripted(script={0.2: ZeroDivisionError("no bend")})
+            )
+        stop.set()
+        plant.finish()
+        ids = set()
+        while (message := listener.recv(timeout=0)) is not None:
+            ids.add(message.arbitration_id)
+    assert 0x10 in ids  # EmergencyStop
+
+
+@pytest.fixture
+def bus_that_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bus that takes no more frames after the twentieth cycle."""
+    sent = 0
+
+    def send(*_: Any) -> None:
+        nonlocal sent
+        sent += 1
+        if sent > 20:
+            raise BusError("cannot send on vcan0: network is down")
+
+    monkeypatch.setattr(wall_clock, "send", send)
+
+
+@pytest.mark.usefixtures("bus_that_breaks")
+def test_a_bus_that_breaks_is_a_failed_run_that_keeps_its_recording(
+    make_scene: MakeScene, gains: PressureLoopGains, tmp_path: Path
+) -> None:
+    with pytest.raises(SimulationError, match=r"the bus failed at t = 0\.20 s.*network is down"):
+        run_plant(make_scene(), "virtual", "wall-clock-broken", tmp_path, gains=gains)
+    assert read_telemetry(tmp_path).num_rows == 20
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"].startswith("failed: the bus failed")
+
+
+@pytest.mark.usefixtures("bus_that_breaks")
+def test_a_bus_that_breaks_ends_the_sequencer(make_scene: MakeScene, scripted: Any) -> None:
+    with pytest.raises(SimulationError, match=r"the bus failed at t = 0\..*network is down"):
+        run_sequencer(make_scene(), "virtual", "wall-clock-broken", sequencer=scripted())
+
+
+def test_a_simulation_that_fails_keeps_its_recording(
+    make_scene: MakeScene, gains: PressureLoopGains, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, advance_plant = 0, Plant.advance
+
+    def advance(*args: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls > 5:
+            raise SimulationError("not finite")
+        return advance_plant(*args)
+
+    monkeypatch.setattr(wall_clock, "warm_up", lambda scene: None)
+    monkeypatch.setattr(Plant, "advance", advance)
+    with pytest.raises(SimulationError, match="not finite"):
+        run_plant(make_scene(), "virtual", "wall-clock-nan", tmp_path, gains=gains)
+    assert read_telemetry(tmp_path).num_rows == 5
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_asks_for_the_stop_and_a_second_one_is_not_held(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with stopped_by_signals() as stop:
+        assert not stop.is_set()
+        os.kill(os.getpid(), number)
+        assert stop.wait(1.0)
+        assert signal.getsignal(number) == before
+    assert signal.getsignal(number) == before

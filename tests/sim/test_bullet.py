@@ -1,0 +1,286 @@
+"""The segment twin: momentum, rest on the floor, signs, drag, stretch, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pybullet
+import pytest
+
+from sim import bullet
+from sim.body import Body, World
+from sim.bullet import BulletTwin
+from sim.trajectory import Trajectory
+from softbot.errors import SimulationError
+from softbot.rolling import floating_ratio
+
+BODY = Body(0.15, 0.01, 0.0518, 3.93e-3, 2.62e-3, 500.0, 0.02)
+FLOOR = World(9.81, True, 0.6, "coulomb")
+FLOATING = World(0.0, False, 0.6, "coulomb")
+STIFFNESS = BODY.rest_stiffness()
+
+MakeTwin = Callable[..., BulletTwin]
+
+
+@pytest.fixture
+def make_twin() -> Iterator[MakeTwin]:
+    """A twin of the test robot that is closed when the test is over."""
+    made: list[BulletTwin] = []
+
+    def make(world: World, *, body: Body = BODY, **changes: Any) -> BulletTwin:
+        made.append(BulletTwin(body, world, **{"segments": 10, "step_s": 0.004, "stretches": False, **changes}))
+        return made[-1]
+
+    yield make
+    for twin in made:
+        twin.close()
+
+
+def curved(angle_rad: float, size_1_m: float = 12.0) -> np.ndarray:
+    return np.array([1.0, size_1_m * math.cos(angle_rad), size_1_m * math.sin(angle_rad)])
+
+
+def settle(twin: BulletTwin, strain: np.ndarray, seconds: float, ramp_s: float = 0.2) -> None:
+    """From straight to a rest strain over `ramp_s`, then held until `seconds` are over."""
+    straight = np.array([1.0, 0.0, 0.0])
+    for n in range(round(seconds / twin.step_s)):
+        share = min((n + 1) * twin.step_s / ramp_s, 1.0) if ramp_s else 1.0
+        twin.set_rest(straight + share * (strain - straight), STIFFNESS)
+        twin.step()
+
+
+def turn(
+    twin: BulletTwin, seconds: float, period_s: float, trajectory: Trajectory | None = None, first_rad: float = 0.0
+) -> None:
+    """Turn the wanted curvature once a period, right-handed for a positive one."""
+    for n in range(round(seconds / twin.step_s)):
+        twin.set_rest(curved(first_rad + 2.0 * math.pi * (n + 1) * twin.step_s / period_s), STIFFNESS)
+        twin.step()
+        if trajectory is not None:
+            trajectory.follow(twin.motion())
+
+
+# --- afloat ------------------------------------------------------------
+
+
+def test_floating_robot_makes_no_momentum_and_turns_as_angular_momentum_demands(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOATING)
+    settle(twin, curved(0.0), 0.5)
+    trajectory = Trajectory(BODY.length_m, grounded=False)
+    trajectory.follow(twin.motion())
+    centre = twin.motion().centre_of_mass_m
+    turn(twin, 2.0, 2.0, trajectory)
+    posture, motion = trajectory.follow(twin.motion()), twin.motion()
+    assert np.linalg.norm(motion.angular_momentum_kg_m2_s) < 1e-6
+    np.testing.assert_allclose(motion.centre_of_mass_m, centre, atol=1e-3)
+    ratio = posture.plane_rotation_rad / (2.0 * math.pi)
+    assert ratio == pytest.approx(floating_ratio(BODY.length_m, BODY.radius_m, 12.0), rel=0.06)
+    assert ratio > 0.0  # against the rolling of the material, which for this direction is negative
+    assert posture.roll_rad == pytest.approx(-2.0 * math.pi, rel=0.02)
+
+
+def test_floating_robot_falls_freely_under_gravity(make_twin: MakeTwin) -> None:
+    twin = make_twin(World(9.81, False, 0.0, "coulomb"))
+    settle(twin, curved(0.5, 8.0), 0.4)
+    assert twin.motion().mid_velocity_m_s[2] == pytest.approx(-9.81 * 0.4, rel=0.02)
+    assert twin.motion().centre_of_mass_m[2] == pytest.approx(-0.5 * 9.81 * 0.4**2, rel=0.03)
+
+
+# --- on the floor ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("stretches", "curvature_1_m"), [(False, 0.0), (False, 12.0), (True, 6.0)])
+def test_robot_rests_on_the_floor_and_hardly_sinks_in(
+    make_twin: MakeTwin, stretches: bool, curvature_1_m: float
+) -> None:
+    twin = make_twin(FLOOR, stretches=stretches)
+    settle(twin, curved(0.0, curvature_1_m), 1.0)
+    points, axes = twin.shape()
+    sunk = BODY.radius_m - points[:, 2]
+    assert np.all(np.abs(sunk) < 0.03 * BODY.radius_m)
+    assert np.linalg.norm(twin.motion().mid_velocity_m_s) < 1e-3
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0, atol=1e-9)
+    # friction holds the bend back a little, and holds it where it was laid
+    assert np.hypot(*twin.motion().curvature_1_m) == pytest.approx(curvature_1_m, rel=0.08, abs=1e-3)
+
+
+def test_robot_starts_straight_along_x_with_chamber_0_to_its_left(make_twin: MakeTwin) -> None:
+    motion = make_twin(FLOOR).motion()
+    np.testing.assert_allclose(motion.rotation, np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]), atol=1e-9)
+    np.testing.assert_allclose(motion.chord, [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(motion.centre_of_mass_m, [0.0, 0.0, BODY.radius_m], atol=1e-9)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 180.0])
+def test_robot_bends_towards_the_wanted_side(make_twin: MakeTwin, degrees: float) -> None:
+    """Curvature towards e1 (left, +y): the ends go to the left of the middle."""
+    twin = make_twin(FLOOR)
+    settle(twin, curved(math.radians(degrees)), 0.5)
+    points = twin.shape()[0]
+    middle, ends = points[len(points) // 2], 0.5 * (points[0] + points[-1])
+    towards = (ends - middle)[1]
+    assert towards * math.cos(math.radians(degrees)) > 0.02
+    direction = math.atan2(*twin.motion().curvature_1_m[::-1])
+    assert math.cos(direction - math.radians(degrees)) > 0.999
+
+
+def test_direction_plus_one_rolls_negatively_to_the_left_and_minus_one_is_its_mirror(make_twin: MakeTwin) -> None:
+    moved, rolled = {}, {}
+    for direction in (1, -1):
+        twin = make_twin(FLOOR)
+        settle(twin, curved(0.0), 0.5)
+        trajectory = Trajectory(BODY.length_m, grounded=True)
+        start_rad = trajectory.follow(twin.motion()).roll_rad
+        start = twin.motion().centre_of_mass_m
+        turn(twin, 2.0, direction * 1.0, trajectory)
+        moved[direction] = twin.motion().centre_of_mass_m - start
+        rolled[direction] = trajectory.follow(twin.motion()).roll_rad - start_rad
+    assert rolled[1] == pytest.approx(-4.0 * math.pi, rel=0.02)
+    assert moved[1][1] == pytest.approx(0.94 * 4.0 * math.pi * BODY.radius_m, rel=0.15)  # +y, left
+    assert rolled[-1] == pytest.approx(-rolled[1], rel=0.02)
+    assert moved[-1][1] == pytest.approx(-moved[1][1], rel=0.1)
+
+
+def test_turning_robot_stays_on_the_floor_and_bent_at_4_ms(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOOR)
+    settle(twin, curved(0.0), 0.5)
+    for _ in range(6):
+        turn(twin, 0.5, 0.5)  # six seconds' worth of the slow scene's turns, four times as fast
+        motion = twin.motion()
+        assert np.hypot(*motion.curvature_1_m) == pytest.approx(12.0, rel=0.1)
+        assert abs(motion.centre_of_mass_m[2] - BODY.radius_m) < 0.1 * BODY.radius_m
+
+
+def test_smooth_floor_gives_no_advance(make_twin: MakeTwin) -> None:
+    twin = make_twin(World(9.81, True, 0.0, "coulomb"))
+    settle(twin, curved(0.0), 0.5)
+    start = twin.motion().centre_of_mass_m
+    turn(twin, 1.0, 1.0)
+    moved = np.linalg.norm((twin.motion().centre_of_mass_m - start)[:2])
+    assert moved < 0.15 * 2.0 * math.pi * BODY.radius_m
+
+
+# --- viscous floor ------------------------------------------------------------
+
+
+def test_viscous_floor_slows_a_sliding_robot_as_its_coefficient_says(make_twin: MakeTwin) -> None:
+    """m v' = −c L v for a straight robot along its axis: v = v0·exp(−cLt/m), whatever the load."""
+    coefficient = 2.0  # N s/m²
+    twin = make_twin(World(9.81, True, coefficient, "viscous"))
+    settle(twin, curved(0.0, 0.0), 0.1)
+    pybullet.resetBaseVelocity(twin._robot, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=twin._client)
+    twin._read_state()
+    times, speeds = [], []
+    for n in range(30):
+        times.append(n * twin.step_s)
+        speeds.append(twin.motion().mid_velocity_m_s[0])
+        twin.step()
+    rate = -np.polyfit(times, np.log(speeds), 1)[0]
+    assert rate == pytest.approx(coefficient * BODY.length_m / BODY.mass_kg, rel=0.05)
+
+
+@pytest.mark.parametrize("stretches", [False, True])
+def test_viscous_floor_rolls_the_robot_the_same_way(make_twin: MakeTwin, stretches: bool) -> None:
+    twin = make_twin(World(9.81, True, 20.0, "viscous"), stretches=stretches, segments=6)
+    settle(twin, curved(0.0), 0.3)
+    start = twin.motion().centre_of_mass_m
+    turn(twin, 1.0, 1.0)
+    advance = (twin.motion().centre_of_mass_m - start)[1] / (2.0 * math.pi * BODY.radius_m)
+    assert advance == pytest.approx(math.sin(0.9) / 0.9, rel=0.12)
+
+
+def test_viscous_drag_is_felt_only_by_what_touches(make_twin: MakeTwin) -> None:
+    twin = make_twin(World(0.0, True, 50.0, "viscous"))
+    pybullet.resetBasePositionAndOrientation(
+        twin._robot, [0.0, 0.0, 0.5], [0.5, 0.5, 0.5, 0.5], physicsClientId=twin._client
+    )
+    pybullet.resetBaseVelocity(twin._robot, [0.1, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=twin._client)
+    twin._read_state()
+    settle(twin, curved(0.0, 0.0), 0.1)
+    assert twin.motion().mid_velocity_m_s[0] == pytest.approx(0.1, rel=1e-3)
+
+
+# --- stretch, coupling, shapes ------------------------------------------------------------
+
+
+def test_stretching_robot_lengthens_to_its_rest_stretch(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOATING, stretches=True)
+    settle(twin, np.array([1.15, 0.0, 0.0]), 1.0)
+    assert twin.motion().stretch == pytest.approx(1.15, abs=1e-3)
+    points = twin.shape()[0]
+    assert np.linalg.norm(points[-1] - points[0]) == pytest.approx(1.15 * BODY.length_m, rel=2e-3)
+    settle(twin, np.array([1.0, 0.0, 0.0]), 1.0)
+    assert twin.motion().stretch == pytest.approx(1.0, abs=1e-3)
+
+
+def test_robot_without_stretch_keeps_its_length(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOATING)
+    settle(twin, np.array([1.15, 0.0, 0.0]), 0.2)
+    assert twin.motion().stretch == 1.0
+
+
+def test_curvature_of_any_direction_is_held_by_a_stiffness_with_a_preferred_axis(make_twin: MakeTwin) -> None:
+    stiffness = np.array([[500.0, 0.1, 0.05], [0.1, 4e-3, 5e-4], [0.05, 5e-4, 3e-3]])
+    twin = make_twin(FLOATING, stretches=True)
+    for n in range(125):
+        twin.set_rest(np.array([1.0, 7.0 * n / 124, -5.0 * n / 124]), stiffness)
+        twin.step()
+    for _ in range(125):
+        twin.step()
+    np.testing.assert_allclose(twin.motion().curvature_1_m, [7.0, -5.0], rtol=0.02)
+
+
+def test_among_other_bodies_the_robot_is_a_capsule_chain_that_rests_on_the_floor(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOOR, other_bodies=True, stretches=True)
+    settle(twin, np.array([1.0, 0.0, 0.0]), 0.5)
+    assert abs(twin.motion().centre_of_mass_m[2] - BODY.radius_m) < 0.1 * BODY.radius_m
+    shapes = [part[2] for part in pybullet.getCollisionShapeData(twin._robot, -1, physicsClientId=twin._client)]
+    assert shapes == [pybullet.GEOM_CAPSULE]
+
+
+# --- refusals ------------------------------------------------------------
+
+
+def test_absurd_command_is_a_simulation_error_and_not_a_number(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOOR, segments=2)
+    with pytest.raises(SimulationError, match="use a smaller step, more segments or a milder command"):
+        settle(twin, curved(0.0, 60.0), 2.0)  # 4.5 rad in the one joint
+    shattered = make_twin(FLOOR)
+    with pytest.raises(SimulationError, match="left its range"):
+        settle(shattered, np.array([1.0, math.nan, 0.0]), 0.1)
+
+
+def test_chain_of_one_and_scene_that_pybullet_refuses_are_errors(make_twin: MakeTwin) -> None:
+    with pytest.raises(SimulationError, match="at least two"):
+        make_twin(FLOOR, segments=1)
+    with pytest.raises(SimulationError, match="PyBullet"):
+        make_twin(FLOOR, segments=150)  # more links than its engine has room for
+
+
+def test_window_without_a_screen_is_refused(monkeypatch: pytest.MonkeyPatch, make_twin: MakeTwin) -> None:
+    monkeypatch.setattr(pybullet, "connect", lambda mode: -1)
+    with pytest.raises(SimulationError, match="is there a screen"):
+        make_twin(FLOOR, gui=True)
+
+
+def test_closed_twin_frees_its_engine_and_may_be_closed_again(make_twin: MakeTwin) -> None:
+    twin = make_twin(FLOOR)
+    client = twin._client
+    assert pybullet.isConnected(client)
+    twin.close()
+    twin.close()
+    assert not pybullet.isConnected(client)
+
+
+def test_interpreted_and_compiled_twins_move_alike(make_twin: MakeTwin, interpreted: Callable[..., None]) -> None:
+    def end() -> np.ndarray:
+        twin = make_twin(World(9.81, True, 20.0, "viscous"), segments=3, stretches=True)
+        settle(twin, curved(0.4, 6.0), 5 * twin.step_s)
+        return np.concatenate([twin.shape()[0].ravel(), twin.motion().angular_momentum_kg_m2_s])
+
+    compiled = end()
+    interpreted(bullet)
+    np.testing.assert_allclose(end(), compiled, atol=1e-10)

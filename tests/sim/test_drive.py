@@ -1,0 +1,69 @@
+"""Open-loop drives: straight, bent by start_s, then turning; pressures that bend where the curvature would."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sim.drive import amplitude, curvature_1_m, phase_rad, pressures_Pa
+from sim.scene import Drive
+from softbot.actuator import ActuatorLaw
+from softbot.cross_section import default_cross_section
+
+
+def given_curvature(**changes: Any) -> Drive:
+    return Drive.model_validate(
+        {"kind": "curvature", "curvature_1_m": 12.0, "period_s": 2.0, "start_s": 1.0, "ramp_s": 0.5, **changes}
+    )
+
+
+def given_pressure(**changes: Any) -> Drive:
+    return Drive.model_validate(
+        {"kind": "pressure", "peak_pressure_Pa": 40e3, "period_s": 2.0, "start_s": 1.0, "ramp_s": 0.5, **changes}
+    )
+
+
+def test_bend_grows_over_the_ramp_and_stands_at_the_start() -> None:
+    drive = given_curvature()
+    assert [amplitude(drive, t) for t in (0.0, 0.5, 0.75, 1.0, 7.0)] == [0.0, 0.0, 0.5, 1.0, 1.0]
+    np.testing.assert_allclose(curvature_1_m(drive, 0.75), [6.0, 0.0])
+    np.testing.assert_allclose(curvature_1_m(drive, 0.0), 0.0)
+
+
+@given(t_s=st.floats(1.0, 50.0), direction=st.sampled_from([1, -1]), period_s=st.floats(0.1, 10.0))
+def test_curvature_turns_once_a_period_in_the_direction(t_s: float, direction: int, period_s: float) -> None:
+    drive = given_curvature(direction=direction, period_s=period_s)
+    vector = curvature_1_m(drive, t_s)
+    assert np.hypot(*vector) == pytest.approx(12.0)
+    np.testing.assert_allclose(curvature_1_m(drive, t_s + period_s), vector, atol=1e-9)
+    quarter = curvature_1_m(drive, t_s + 0.25 * period_s)
+    turned = direction * np.array([-vector[1], vector[0]])
+    np.testing.assert_allclose(quarter, turned, atol=1e-9)
+    assert phase_rad(drive, 0.3) == 0.0
+
+
+@given(t_s=st.floats(0.0, 9.0), direction=st.sampled_from([1, -1]), co_contraction_Pa=st.floats(0.0, 2e4))
+def test_pressures_stay_between_co_contraction_and_peak(t_s: float, direction: int, co_contraction_Pa: float) -> None:
+    drive = given_pressure(direction=direction, co_contraction_Pa=co_contraction_Pa)
+    pressure = pressures_Pa(drive, t_s)
+    assert np.all(pressure >= co_contraction_Pa)
+    assert np.all(pressure <= co_contraction_Pa + 40e3 + 1e-6)
+    assert np.count_nonzero(pressure > co_contraction_Pa + 1e-6) <= 2  # next to each other: half a turn at most
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_pressures_bend_a_tube_towards_the_phase(direction: int) -> None:
+    law = ActuatorLaw(default_cross_section(0.01), "linear", 1e5)
+    drive = given_pressure(direction=direction, co_contraction_Pa=5e3)
+    for t_s in np.linspace(1.0, 3.0, 17):
+        bend = law.equilibrium(pressures_Pa(drive, t_s)).curvature_1_m
+        phase = phase_rad(drive, t_s)
+        assert math.atan2(bend[1], bend[0]) == pytest.approx(math.remainder(phase, 2.0 * math.pi), abs=1e-6) or (
+            abs(abs(math.remainder(phase, 2.0 * math.pi)) - math.pi) < 1e-6
+        )
+        assert np.hypot(*bend) == pytest.approx(np.hypot(*law.equilibrium([40e3, 0, 0, 0]).curvature_1_m), rel=1e-6)

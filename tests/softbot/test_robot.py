@@ -1,0 +1,157 @@
+"""Robot files: what follows from what, there and back through a file, and errors that name the mend."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from softbot.cross_section import default_cross_section
+from softbot.errors import InputError
+from softbot.robot import Robot, load_robot, robot_from, robot_table
+from softbot.toml_file import read_toml
+
+ACTUATOR = {"law": "yeoh", "modulus_Pa": 3e4, "stiffening_Pa": 500.0, "chamber_area_m2": 3e-5,
+            "chamber_centroid_radius_m": 0.005, "gains": [1.0, 1.1, 0.9, 1.0], "dead_band_Pa": 1e3,
+            "max_pressure_Pa": 5e4}  # fmt: skip
+TUBE = {"length_m": 0.15, "radius_m": 0.01, "mass_kg": 0.0518}
+
+
+def pressed() -> dict[str, Any]:
+    return {**TUBE, "actuator": dict(ACTUATOR)}
+
+
+def bent() -> dict[str, Any]:
+    return {**TUBE, "bending_stiffness_N_m2": 3.93e-3}
+
+
+# --- what follows from what ------------------------------------------------------------
+
+
+def test_mechanical_robot_gets_a_wall_of_its_own_bending_stiffness() -> None:
+    robot = robot_from(bent(), "r.toml")
+    assert robot.bending_stiffness == 3.93e-3
+    assert robot.actuator_law().rest_bending_stiffness_N_m2 == pytest.approx(3.93e-3, rel=1e-12)
+    assert robot.cross_section() == default_cross_section(0.01)
+    stiffness = robot.actuator_law().forces(1.0, [0.0, 0.0])[1]
+    assert robot.axial_stiffness == pytest.approx(stiffness[0, 0], rel=1e-9)
+
+
+def test_twisting_and_axial_stiffness_follow_from_bending_unless_they_are_stated() -> None:
+    robot = robot_from(bent(), "r.toml")
+    # G = E/3 (incompressible) and J = 2 I: GJ = 2/3 EI
+    assert robot.twisting_stiffness == pytest.approx(2.0 / 3.0 * 3.93e-3)
+    section = robot.cross_section()
+    modulus_Pa = 3.93e-3 / section.bending_area_moment_m4
+    assert robot.axial_stiffness == pytest.approx(modulus_Pa * section.wall_area_m2)
+    stated = robot_from({**bent(), "twisting_stiffness_N_m2": 1e-3, "axial_stiffness_N": 77.0}, "r.toml")
+    assert (stated.twisting_stiffness, stated.axial_stiffness) == (1e-3, 77.0)
+
+
+def test_robot_with_an_actuator_bends_as_stiffly_as_its_wall() -> None:
+    robot = robot_from(pressed(), "r.toml")
+    section = robot.cross_section()
+    assert section.chamber_area_m2 == 3e-5
+    assert robot.bending_stiffness == pytest.approx(4.0 * 3e4 * section.bending_area_moment_m4, rel=1e-12)
+    assert robot.max_pressure_Pa == 5e4
+    law = robot.actuator_law()
+    assert (law.material, law.gains, law.dead_band_Pa) == ("yeoh", (1.0, 1.1, 0.9, 1.0), 1e3)
+
+
+@given(length_m=st.floats(0.05, 2.0), stiffness=st.floats(1e-5, 10.0))
+def test_pressure_limit_without_an_actuator_bends_by_120_degrees_or_leaves_the_boards_limit_room(
+    length_m: float, stiffness: float
+) -> None:
+    robot = robot_from({**TUBE, "length_m": length_m, "bending_stiffness_N_m2": stiffness}, "r.toml")
+    gain = robot.actuator_law().equilibrium([0.0] * 4).jacobian[1, 0]
+    bend_rad = robot.max_pressure_Pa * abs(gain) * length_m
+    assert bend_rad <= math.radians(120.0) * (1.0 + 1e-4)
+    if bend_rad < 0.999 * math.radians(120.0):
+        assert robot.max_pressure_Pa == pytest.approx(0.8 * robot.pneumatics.max_chamber_pressure_Pa)
+
+
+# --- there and back ------------------------------------------------------------
+
+
+@given(
+    length_m=st.floats(0.05, 1e2),
+    mass_kg=st.floats(1e-6, 1e4),
+    modulus_Pa=st.floats(1.0, 1e12),
+    gains=st.tuples(*[st.floats(0.1, 10.0)] * 4),
+    name=st.text(max_size=20).filter(lambda text: "\r" not in text),
+)
+def test_table_of_a_robot_makes_the_same_robot(
+    length_m: float, mass_kg: float, modulus_Pa: float, gains: tuple[float, ...], name: str
+) -> None:
+    actuator = {**ACTUATOR, "modulus_Pa": modulus_Pa, "gains": list(gains)}
+    robot = robot_from({**TUBE, "name": name, "length_m": length_m, "mass_kg": mass_kg, "actuator": actuator}, "r")
+    assert robot_from(robot.table(), "again") == robot
+
+
+@pytest.mark.parametrize("table", [bent(), pressed()])
+def test_saved_robot_comes_back_the_same(tmp_path: Path, table: dict[str, Any]) -> None:
+    table["provenance"] = {"table": 'a "quoted" naïve name', "licence": "CC-BY-4.0"}
+    table["sensors"] = {"gyro_noise_rad_s": 1e-7}
+    table["pneumatics"] = {"supply_pressure_Pa": 1.5e5, "dead_volume_m3": [1e-6, 2e-6, 3e-6, 4e-6]}
+    robot = robot_from(table, "r.toml")
+    path = tmp_path / "robot.toml"
+    robot.save(path)
+    assert load_robot(path) == robot
+    assert read_toml(path)["schema"] == "softbot-robot-1"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["robot.toml"]
+
+
+def test_shipped_robot_is_calibrated_and_can_bend_and_a_file_of_that_name_goes_before_it(tmp_path: Path) -> None:
+    robot = load_robot("default")
+    assert robot.actuator is not None
+    assert robot.provenance
+    law = robot.actuator_law()
+    one = law.equilibrium([robot.max_pressure_Pa, 0.0, 0.0, 0.0])
+    assert float(np.hypot(*one.curvature_1_m)) * robot.length_m > math.radians(30.0)
+    robot_from(bent(), "r").save(tmp_path / "default")
+    assert robot_table("default", tmp_path)[0]["bending_stiffness_N_m2"] == 3.93e-3
+
+
+# --- what is refused ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({**bent(), "length_mm": 150}, "r.toml: length_mm: unknown key; did you mean length_m? (mind the unit)"),
+        ({**bent(), "lenght_m": 0.15}, "did you mean length_m?"),
+        ({**bent(), "colour": "red"}, "colour: unknown key; known here: schema, name, length_m"),
+        ({**TUBE}, "bending_stiffness_N_m2: missing; give it, or an [actuator]"),
+        ({**pressed(), "bending_stiffness_N_m2": 1e-3}, "give one of the two"),
+        ({**bent(), "radius_m": 0.08}, "radius_m = 0.08 is over half of length_m = 0.15"),
+        ({**bent(), "mass_kg": -1}, "mass_kg = -1: input should be greater than 0 (mass of the whole robot"),
+        ({**bent(), "mass_kg": "heavy"}, "mass_kg = 'heavy'"),
+        ({**bent(), "mass_kg": math.nan}, "mass_kg = nan: input should be a finite number"),
+        ({**bent(), "schema": "softbot-robot-9"}, "'softbot-robot-9' is not 'softbot-robot-1'"),
+        ({**bent(), "actuator": 3}, "actuator = 3: input should be a table"),
+        ({**TUBE, "actuator": {**ACTUATOR, "law": "granite"}}, "actuator.law = 'granite'"),
+        ({**TUBE, "actuator": {**ACTUATOR, "modulus_kPa": 3}}, "actuator.modulus_kPa: unknown key; did you mean"),
+        ({**TUBE, "actuator": {**ACTUATOR, "gains": [1, 1, 1, 0]}}, "actuator: gains"),
+        ({**TUBE, "actuator": {**ACTUATOR, "gains": [1, 1, 1]}}, "actuator.gains.3: missing"),
+        ({**TUBE, "actuator": {**ACTUATOR, "chamber_centroid_radius_m": 0.5}}, "inside radius_m"),
+        ({**bent(), "pneumatics": {"supply_pressure_kPa": 3}}, "did you mean supply_pressure_Pa? (mind the unit)"),
+        ({**bent(), "pneumatics": {"supply_pressure_Pa": -3}}, "r.toml: pneumatics.supply_pressure_Pa = -3.0"),
+        ({**bent(), "sensors": {"gyro_noise_rad_s": -1}}, "gyro_noise_rad_s must be zero or positive"),
+    ],
+)
+def test_wrong_robot_is_refused_by_key_value_and_mend(table: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        robot_from(table, "r.toml")
+    assert str(refusal.value).startswith("r.toml: ")
+    assert says in str(refusal.value)
+
+
+def test_robot_is_immutable() -> None:
+    robot = Robot.model_validate(bent())
+    with pytest.raises(ValueError, match="frozen"):
+        robot.mass_kg = 2.0  # type: ignore[misc]
