@@ -20,10 +20,10 @@ check: $(READY) ## format, lint, types
 	$(BIN)/mypy
 
 slow: $(READY) ## end-to-end and accuracy tests of minutes
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -n 2 -m slow --durations=5
 
 stress: $(READY) ## long campaigns
-	$(BIN)/python -m pytest -m stress
+	$(BIN)/python -m pytest -n 2 -m stress
 
 bench: $(READY) ## run time against error
 	$(BIN)/softbot bench

@@ -88,6 +88,9 @@ class Twin(Protocol):
     def step(self) -> None:
         """Advance by one step. Raises SimulationError when the state is no longer finite."""
 
+    def strain(self) -> FloatArray:
+        """Mean strains (ℓ, k1, k2) now, shape (3,): cheap, for every step."""
+
     def motion(self) -> Motion:
         """The robot now."""
 

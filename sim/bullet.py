@@ -301,6 +301,11 @@ class BulletTwin:
         self._read_state()
         self._gather_outer_forces()
 
+    def strain(self) -> FloatArray:
+        """Mean strains (ℓ, k1, k2) now, shape (3,)."""
+        stretch, curvature = self._mean_strain()
+        return np.array([stretch, curvature[0], curvature[1]])
+
     def motion(self) -> Motion:
         """The robot now."""
         middle = len(self._mass_kg) // 2  # the mid cross-section is the near end of this body

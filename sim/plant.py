@@ -31,7 +31,7 @@ class Plant:
         self._parameters = robot.pneumatics.as_arrays()
         self.conditions = PlantConditions(faults)
         self._sensors = Sensors(robot.sensors, gravity_m_s2, seed)
-        self._motion = twin.motion()
+        self._strain = twin.strain()
         self._state = initial_state(robot.pneumatics, self._volumes_m3())
         self.pressure_Pa: FloatArray = np.zeros(PRESSURES_SIZE)
         self.pressure_Pa[CHAMBER_COUNT] = robot.pneumatics.supply_pressure_Pa
@@ -47,7 +47,7 @@ class Plant:
     @property
     def motion(self) -> Motion:
         """The robot now."""
-        return self._motion
+        return self._twin.motion()
 
     def advance(self, opening: FloatArray, main_supply_open: bool, steps: int) -> tuple[Fault, ...]:
         """Run `steps` steps with the valves commanded to `opening` (4,); the faults that struck meanwhile."""
@@ -73,13 +73,12 @@ class Plant:
             rest = self._law.equilibrium(self.pressure_Pa[:CHAMBER_COUNT])
             self._twin.set_rest(np.array([rest.stretch, *rest.curvature_1_m]), rest.stiffness)
             self._twin.step()
-            self._motion = self._twin.motion()
+            self._strain = self._twin.strain()
         return struck
 
     def read_sensors(self) -> Readings:
         """What the sensors say now; valves have no position sensor, so the board knows what it commanded."""
-        return self._sensors.read(self.t_s, self._motion, self.pressure_Pa, self._commanded, self.conditions)
+        return self._sensors.read(self.t_s, self.motion, self.pressure_Pa, self._commanded, self.conditions)
 
     def _volumes_m3(self) -> FloatArray:
-        motion = self._motion
-        return self._law.chamber_volumes_m3(self._robot.length_m, motion.stretch, motion.curvature_1_m)
+        return self._law.chamber_volumes_m3(self._robot.length_m, float(self._strain[0]), self._strain[1:])

@@ -129,6 +129,11 @@ class RodTwin:
                 "use a smaller step or a milder command"
             )
 
+    def strain(self) -> FloatArray:
+        """Mean strains (ℓ, k1, k2) now, shape (3,)."""
+        strain = self._state.strain
+        return np.array([self._stretch(), strain[1], -strain[0]])
+
     def motion(self) -> Motion:
         """The robot now."""
         state, work = self._state, self._work

@@ -52,6 +52,9 @@ class IdealRoller:
             self._rate_rad_s = turn / self.step_s
         self._y_m -= self._rate_rad_s * self._radius_m * self.step_s
 
+    def strain(self) -> Any:
+        return self._strain
+
     def motion(self) -> Motion:
         c, s = math.cos(self.roll_rad), math.sin(self.roll_rad)
         return Motion(

@@ -144,14 +144,25 @@ def test_direction_plus_one_rolls_negatively_to_the_left_and_minus_one_is_its_mi
     assert moved[-1][1] == pytest.approx(-moved[1][1], rel=0.1)
 
 
-def test_turning_robot_stays_on_the_floor_and_bent_at_4_ms(make_twin: MakeTwin) -> None:
+@pytest.mark.parametrize("period_s", [1.0, 0.5])
+def test_turning_robot_stays_on_the_floor_and_bent_at_4_ms(make_twin: MakeTwin, period_s: float) -> None:
     twin = make_twin(FLOOR)
     settle(twin, curved(0.0), 0.5)
-    for _ in range(6):
-        turn(twin, 0.5, 0.5)  # six seconds' worth of the slow scene's turns, four times as fast
+    for _ in range(4):
+        turn(twin, 0.5, period_s)
         motion = twin.motion()
         assert np.hypot(*motion.curvature_1_m) == pytest.approx(12.0, rel=0.1)
         assert abs(motion.centre_of_mass_m[2] - BODY.radius_m) < 0.1 * BODY.radius_m
+
+
+@pytest.mark.parametrize("friction_law", ["coulomb", "viscous"])
+def test_sudden_bend_is_taken_calmly(make_twin: MakeTwin, friction_law: str) -> None:
+    twin = make_twin(World(9.81, True, 0.6, friction_law), step_s=0.005)
+    settle(twin, curved(0.5), 0.6, ramp_s=0.0)
+    motion = twin.motion()
+    assert np.hypot(*motion.curvature_1_m) == pytest.approx(12.0, rel=0.1)
+    assert abs(motion.centre_of_mass_m[2] - BODY.radius_m) < 0.1 * BODY.radius_m
+    assert np.linalg.norm(motion.mid_velocity_m_s) < 0.1
 
 
 def test_smooth_floor_gives_no_advance(make_twin: MakeTwin) -> None:

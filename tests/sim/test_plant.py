@@ -22,17 +22,20 @@ class ObedientTwin:
     """A robot without mass: it has its rest shape at once. Counts its steps."""
 
     def __init__(self) -> None:
-        self.strain, self.stiffness, self.steps, self.step_s = np.array([1.0, 0.0, 0.0]), np.eye(3), 0, 0.002
+        self._strain, self.stiffness, self.steps, self.step_s = np.array([1.0, 0.0, 0.0]), np.eye(3), 0, 0.002
 
     def set_rest(self, strain: np.ndarray, stiffness: np.ndarray) -> None:
-        self.strain, self.stiffness = strain, stiffness
+        self._strain, self.stiffness = strain, stiffness
 
     def step(self) -> None:
         self.steps += 1
 
+    def strain(self) -> np.ndarray:
+        return self._strain
+
     def motion(self) -> Motion:
         zero = np.zeros(3)
-        return Motion(np.eye(3), zero, zero, zero, self.strain[0], self.strain[1:], np.array([0.0, 0, 1]), zero)
+        return Motion(np.eye(3), zero, zero, zero, self._strain[0], self._strain[1:], np.array([0.0, 0, 1]), zero)
 
     def shape(self) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros((2, 3)), np.zeros((2, 3))
@@ -66,9 +69,9 @@ def test_open_valve_fills_its_chamber_and_bends_the_robot_away_from_it(robot: Ro
     assert plant.pressure_Pa[1] == pytest.approx(plant.pressure_Pa[3])
     assert plant.pressure_Pa[1] < 0.0  # shut, and the tube is longer
     assert plant.pressure_Pa[2] > plant.pressure_Pa[1]  # shut, and on the inner side of the bend
-    assert twin.strain[1] < 0.0  # chamber 0 is at e1
+    assert twin.strain()[1] < 0.0  # chamber 0 is at e1
     expected = robot.actuator_law().equilibrium(plant.pressure_Pa[:4])
-    np.testing.assert_allclose(twin.strain, [expected.stretch, *expected.curvature_1_m], rtol=1e-12)
+    np.testing.assert_allclose(twin.strain(), [expected.stretch, *expected.curvature_1_m], rtol=1e-12)
     np.testing.assert_allclose(twin.stiffness, expected.stiffness, rtol=1e-12)
     assert twin.steps == plant.steps == 10
 
@@ -81,7 +84,7 @@ def test_chambers_lose_gas_only_through_valves_and_pressures_fit_their_volumes(r
     plant.advance(np.zeros(4), False, 40)
     np.testing.assert_allclose(plant._state[4:8], before[4:8], rtol=1e-9)
     law = robot.actuator_law()
-    volume = law.chamber_volumes_m3(robot.length_m, twin.strain[0], twin.strain[1:])
+    volume = law.chamber_volumes_m3(robot.length_m, twin.strain()[0], twin.strain()[1:])
     np.testing.assert_allclose(pressures(plant._state, volume, robot.pneumatics), plant.pressure_Pa, rtol=1e-3, atol=5)
     plant.advance(VENT, True, 500)
     np.testing.assert_allclose(plant.pressure_Pa[:4], 0.0, atol=50.0)

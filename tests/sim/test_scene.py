@@ -187,6 +187,8 @@ def test_what_does_not_go_together_is_refused(scene_table: dict[str, Any]) -> No
         make(pressed(scene_table), "drive.peak_pressure_Pa=1e7")
     with pytest.raises(InputError, match="above the robot's limit"):
         make(pressed(scene_table), "drive.co_contraction_Pa=1e7")
+    with pytest.raises(InputError, match=r"curvature_1_m: missing; drive\.kind = \"curvature\" needs it"):
+        make({**scene_table, "drive": {"kind": "curvature"}})
     with pytest.raises(InputError, match="the sequencer rolls on a floor"):
         make(scene_table, 'drive.kind="sequencer"', 'world.ground="none"')
     limit = make(pressed(scene_table)).robot.max_pressure_Pa

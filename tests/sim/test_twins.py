@@ -10,6 +10,7 @@ import pytest
 
 from sim.body import Body
 from sim.bullet import BulletTwin
+from sim.rod import RodTwin
 from sim.scene import CONTROL_PERIOD_S, scene_from
 from sim.twins import BULLET, ROD, make_twin, steps_per_period
 from softbot.errors import InputError
@@ -45,6 +46,19 @@ def test_accuracy_chooses_step_and_segments_and_stretch_follows_the_drive(
     joints = segments - 1 if kind == "curvature" else 2 * segments - 1
     assert len(twin.shape()[0]) == joints + 2
     twin.close()
+
+
+@pytest.mark.parametrize(("accuracy", "kind"), [("fast", "curvature"), ("standard", "pressure")])
+def test_scene_for_the_rod_gets_a_rod_of_that_accuracy(scene_table: dict[str, Any], accuracy: str, kind: str) -> None:
+    scene_table["drive"] = {"kind": kind, "curvature_1_m": 5.0, "peak_pressure_Pa": 1e3}
+    scene_table["solver"] = {"twin": "rod", "accuracy": accuracy}
+    twin = make_twin(scene_from(scene_table, "s.toml", Path()))
+    assert isinstance(twin, RodTwin)
+    assert twin.step_s == ROD[accuracy][0]
+    twin.close()
+    scene_table["solver"]["step_s"] = 0.003
+    with pytest.raises(InputError, match="must divide"):
+        make_twin(scene_from(scene_table, "s.toml", Path()))
 
 
 def test_solver_keys_override_what_accuracy_chooses(scene_table: dict[str, Any]) -> None:
