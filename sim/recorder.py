@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sim.body import Motion, Twin
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.summary import Cost, Events, summarise, write_summary
-from sim.telemetry import SHAPE_SCHEMA, TELEMETRY_SCHEMA, TableWriter
+from sim.telemetry import FLUSH_ROWS, SHAPE_SCHEMA, TELEMETRY_SCHEMA, TableWriter, read_telemetry
 from sim.trajectory import Posture, Trajectory, wrapped
 from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.errors import InputError
@@ -46,7 +46,7 @@ class Recorder:
             write_toml(run_dir / "scene.toml", scene.table())
             self._writer = TableWriter(run_dir, "telemetry", TELEMETRY_SCHEMA)
             radius = {b"radius_m": f"{scene.robot.radius_m:.9g}".encode()}
-            self._shapes = TableWriter(run_dir, "shape", SHAPE_SCHEMA.with_metadata(radius))
+            self._shapes = TableWriter(run_dir, "shape", SHAPE_SCHEMA.with_metadata(radius), FLUSH_ROWS // SHAPE_EVERY)
 
     def start_clock(self) -> None:
         """The solver loop runs from here …"""
@@ -103,8 +103,6 @@ class Recorder:
     def finish(self, steps: int, sim_time_s: float, outcome: str) -> tuple[dict[str, Any], pa.Table]:
         """Close the files and write the summary; returns it with the telemetry."""
         if self._writer is not None and self._run_dir is not None:
-            from sim.telemetry import read_telemetry
-
             self._shapes.close()
             self._writer.close()
             telemetry = read_telemetry(self._run_dir)

@@ -1,6 +1,6 @@
 """Telemetry of a run: one row a sample, safe against a killed process.
 
-Rows go into `telemetry.arrow` (an Arrow stream, flushed every `FLUSH_ROWS` rows, readable at any time); when the run
+Rows go into `telemetry.arrow` (an Arrow stream, flushed every half second, readable at any time); when the run
 ends it becomes `telemetry.parquet` and the stream is removed. `read_telemetry` reads whichever is there, a stream that
 ends in the middle of a row group included. `shape.parquet` (centre line and section axis, for pictures) likewise.
 """
@@ -45,7 +45,8 @@ SHAPE_SCHEMA = pa.schema(
 class TableWriter:
     """Rows of one schema into `DIR/NAME.arrow` while running, `DIR/NAME.parquet` when closed."""
 
-    def __init__(self, run_dir: Path, name: str, schema: pa.Schema) -> None:
+    def __init__(self, run_dir: Path, name: str, schema: pa.Schema, flush_rows: int = FLUSH_ROWS) -> None:
+        self._flush_rows = flush_rows
         self._stream_path, self._path = run_dir / f"{name}.arrow", run_dir / f"{name}.parquet"
         self._schema = schema
         self._rows: list[dict[str, Any]] = []
@@ -57,9 +58,9 @@ class TableWriter:
         self._stream = pa.ipc.new_stream(self._file, schema)
 
     def add(self, row: dict[str, Any]) -> None:
-        """One more row; on disk within `FLUSH_ROWS` rows. Raises SimulationError when the disk is full."""
+        """One more row; on disk within `flush_rows` rows. Raises SimulationError when the disk is full."""
         self._rows.append(row)
-        if len(self._rows) >= FLUSH_ROWS:
+        if len(self._rows) >= self._flush_rows:
             self._flush()
 
     def _flush(self) -> None:

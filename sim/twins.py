@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import sys
+
 from sim.body import Body, Twin, World
 from sim.scene import CONTROL_PERIOD_S, Scene
 from softbot.errors import InputError
@@ -32,6 +35,8 @@ def make_twin(scene: Scene, *, gui: bool = False) -> Twin:
     solver = scene.solver
     if gui and solver.twin != "bullet":
         raise InputError('--gui: only the segment twin has a window; add --set solver.twin="bullet"')
+    if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise InputError("--gui: there is no screen (DISPLAY is not set); run without --gui")  # PyBullet would exit
     if solver.twin == "bullet":
         from sim.bullet import BulletTwin
 

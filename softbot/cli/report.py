@@ -11,7 +11,9 @@ from softbot.cli.options import Json
 
 
 def report(
-    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")], json: Json = False
+    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")],
+    still: Annotated[Path | None, typer.Option(metavar="PNG", help="Also draw the roll as one picture.")] = None,
+    json: Json = False,
 ) -> None:
     """Write the report of a run folder. A run that was killed is finished first, from what it left."""
     from softbot.cli.perform import print_outcome
@@ -24,4 +26,8 @@ def report(
         if was_killed(run_dir):
             finish_killed_run(run_dir)
         write_report(run_dir)
+        if still is not None:
+            from softbot.report.still import write_still
+
+            write_still(run_dir, still)
     print_outcome(run_dir, json=json)

@@ -22,6 +22,13 @@ def test_a_report_is_made_again(softbot: Any, scene_file: Path) -> None:
     assert "here/report.html" in result.stdout
 
 
+def test_the_roll_is_drawn_as_one_picture(softbot: Any, scene_file: Path) -> None:
+    softbot("run", scene_file, "--out", "here")
+    result = softbot("report", "here", "--still", "roll.png")
+    assert result.exit_code == 0, result.stderr
+    assert Path("roll.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_a_killed_run_is_finished(softbot: Any, scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def killed(*args: Any, **options: Any) -> RunResult:
         show = options["progress"]

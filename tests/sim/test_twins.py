@@ -85,3 +85,12 @@ def test_body_takes_its_stiffness_from_the_robot(scene_table: dict[str, Any]) ->
         body.rest_stiffness(), np.diag([robot.axial_stiffness, robot.bending_stiffness, robot.bending_stiffness])
     )
     assert (body.length_m, body.radius_m, body.mass_kg) == (robot.length_m, robot.radius_m, robot.mass_kg)
+
+
+def test_a_window_without_a_screen_is_refused(scene_table: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(InputError, match="no screen"):
+        make_twin(scene_from(scene_table, "s.toml", Path()), gui=True)
+    scene_table["solver"]["twin"] = "rod"
+    with pytest.raises(InputError, match="only the segment twin has a window"):
+        make_twin(scene_from(scene_table, "s.toml", Path()), gui=True)
