@@ -22,6 +22,17 @@ CONTROL_PERIOD_S = 0.01
 """Period of the bus and of telemetry [s]; the step of every twin divides it."""
 
 
+def steps_per_period(step_s: float) -> int:
+    """Steps of the twin in one control period. Raises InputError when the step does not divide it."""
+    steps = round(CONTROL_PERIOD_S / step_s)
+    if steps < 1 or abs(steps * step_s - CONTROL_PERIOD_S) > 1e-9:
+        raise InputError(
+            f"solver.step_s = {step_s:g}: must divide the control period of {CONTROL_PERIOD_S:g} s; "
+            "take 0.01, 0.005, 0.0025, 0.002, 0.001 …"
+        )
+    return steps
+
+
 class Drive(pydantic.BaseModel):
     """The `[drive]` table."""
 
@@ -151,6 +162,12 @@ class Scene(pydantic.BaseModel):
             )
         if curvature is not None and curvature * self.robot.radius_m >= 1.0:
             raise ValueError(f"drive.curvature_1_m = {curvature:g}: the inner side would fold; stay below 1/radius_m")
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _solvable(self) -> Self:
+        if self.solver.step_s is not None:
+            steps_per_period(self.solver.step_s)
         return self
 
     @property

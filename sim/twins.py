@@ -6,23 +6,12 @@ import os
 import sys
 
 from sim.body import Body, Twin, World
-from sim.scene import CONTROL_PERIOD_S, Scene
+from sim.scene import Scene, steps_per_period
 from softbot.errors import InputError
 
 # accuracy → step [s] and resolution; how well each does stands in benchmarks/segment_twin.md
 BULLET = {"fast": (0.005, 10), "standard": (0.0025, 10), "reference": (0.001, 20)}
 ROD = {"fast": (0.005, 2, 12), "standard": (0.0025, 3, 16), "reference": (0.001, 4, 32)}
-
-
-def steps_per_period(step_s: float) -> int:
-    """Steps of the twin in one control period. Raises InputError when the step does not divide it."""
-    steps = round(CONTROL_PERIOD_S / step_s)
-    if steps < 1 or abs(steps * step_s - CONTROL_PERIOD_S) > 1e-9:
-        raise InputError(
-            f"solver.step_s = {step_s:g}: must divide the control period of {CONTROL_PERIOD_S:g} s; "
-            "take 0.01, 0.005, 0.0025, 0.002, 0.001 …"
-        )
-    return steps
 
 
 def make_twin(scene: Scene, *, gui: bool = False) -> Twin:

@@ -27,7 +27,7 @@ def bench(
     from softbot.errors import InputError
 
     with nothing_printed():
-        from sim.benchmark import BULLET_SETTINGS, ROD_SETTINGS, markdown, run_benchmark, stamp
+        from sim.benchmark import BULLET_SETTINGS, ROD_SETTINGS, markdown, run_benchmark, segment_twin_at_4_ms, stamp
 
     choice = {"rod": ROD_SETTINGS, "bullet": BULLET_SETTINGS, "all": (*ROD_SETTINGS, *BULLET_SETTINGS)}
     if twin not in choice:
@@ -37,6 +37,8 @@ def bench(
         for result in run_benchmark(choice[twin], repeats):
             results.append(result)
             status.update(f"{result.case}: {result.setting}: {result.error_percent:+.2f} %")
+        if twin != "rod":
+            results.append(segment_twin_at_4_ms(repeats))
     if out is not None:
         text = f"# Run time against error\n\n`softbot bench --twin {twin} --repeats {repeats}`: {stamp()}\n\n"
         try:

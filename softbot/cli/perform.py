@@ -18,10 +18,13 @@ def perform(scene: Scene, folder: Path, *, json: bool, gui: bool = False, wall_c
     import_twin(scene)
     with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
         with messages().status("preparing (the first run on a machine compiles: up to a minute)"):
+            from softbot.nodes.plant_node import board_limits
             from softbot.nodes.run import paced, run_scene
             from softbot.nodes.valve_loop import designed_gains
             from softbot.nodes.warm_up import warm_up
 
+            if scene.drive.kind == "sequencer":
+                board_limits(scene.robot)  # refuse what the board would refuse before anything is computed
             warm_up(scene)
             if scene.drive.kind != "curvature":
                 designed_gains(scene.robot)  # kept for the run
