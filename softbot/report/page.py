@@ -148,7 +148,8 @@ def _columns(recording: Recording) -> dict[str, Floats]:
     if recording.has("bend_rad"):
         columns["bend_deg"] = np.degrees(told["bend_rad"])
     if recording.has("theta_rad"):
-        columns["theta_deg"] = np.mod(np.degrees(told["theta_rad"]) + 180.0, 360.0) - 180.0
+        # an elongating chamber is active near 180°: counted from 0 to 360° the curve does not jump there
+        columns["theta_deg"] = np.mod(np.degrees(told["theta_rad"]), 360.0)
     if recording.has("length_m"):
         columns["length_mm"] = 1e3 * told["length_m"]
     return columns
@@ -181,7 +182,7 @@ def _plots(columns: Mapping[str, Floats]) -> list[dict[str, Any]]:
         plots.append({"title": "length", "unit": "mm", "short": True, "series": [length]})
     if "theta_deg" in columns:
         theta = {"column": "theta_deg", "label": "θ", "colour": "accent", "wrap": 360}
-        plots.append({"title": "θ of the active side", "unit": "°", "range": [-180, 180], "series": [theta]})
+        plots.append({"title": "θ of the active side", "unit": "°", "range": [0, 360], "series": [theta]})
     return plots
 
 
