@@ -32,7 +32,7 @@ from softbot.errors import SimulationError
 
 FloatArray = NDArray[np.float64]
 
-_SOLVER_ITERATIONS = 60
+_SOLVER_ITERATIONS = 30
 _CONTACT_SINK = 0.01  # static penetration over radius
 _CONTACT_DAMPING_RATIO = 1.0
 _SPEED_LIMIT = 1e4  # PyBullet clamps joint speeds at 100 unless told otherwise
@@ -104,6 +104,8 @@ class BulletTwin:
         self._mass = np.zeros((self._size, self._size))
         self._force = np.zeros(self._size)
         self._outer = np.zeros(self._size)
+        self._weight_N = np.zeros((bodies, 3))
+        self._weight_N[:, 2] = -self._mass_kg * self._world.gravity_m_s2
         self._drag = np.zeros((self._size, self._size))
         self._floats = not self._world.ground and not other_bodies
         self._steps = 0
@@ -364,30 +366,26 @@ class BulletTwin:
         """Weight and contact forces of the step that was, in joint coordinates, for the next implicit solve."""
         if self._floats:
             return
-        contacts = pybullet.getContactPoints(self._robot, physicsClientId=self._client)
-        bodies = np.arange(len(self._mass_kg) + len(contacts))
-        points, forces = np.empty((len(bodies), 3)), np.empty((len(bodies), 3))
-        own = len(self._mass_kg)
-        points[:own], forces[:own] = self._centre, 0.0
-        forces[:own, 2] = -self._mass_kg * self._world.gravity_m_s2
-        for n, contact in enumerate(contacts, start=own):
+        bodies, rows = list(range(len(self._mass_kg))), []
+        for contact in pybullet.getContactPoints(self._robot, physicsClientId=self._client):
             first = contact[1] == self._robot  # the normal points from the second body to the first
+            bodies.append(1 + (contact[3] if first else contact[4]))
+            x, y, z = contact[5] if first else contact[6]
             sign = 1.0 if first else -1.0
-            bodies[n] = 1 + (contact[3] if first else contact[4])
-            points[n] = contact[5] if first else contact[6]
-            for size, direction in ((9, 7), (10, 11), (12, 13)):
-                along = contact[direction]
-                for k in range(3):
-                    forces[n, k] = sign * contact[size] * along[k] + (forces[n, k] if size > 9 else 0.0)
+            n, f, g = sign * contact[9], sign * contact[10], sign * contact[12]
+            along, friction, across = contact[7], contact[11], contact[13]
+            rows.append((x, y, z, *(n * along[k] + f * friction[k] + g * across[k] for k in range(3))))
+        weights = np.column_stack([self._centre, self._weight_N])
+        acting = np.vstack([weights, rows]) if rows else weights
         generalised_forces(
             self._joint_kind,
             self._first_dof,
             self._rotation,
             self._centre[0],
             self._joint,
-            bodies,
-            points,
-            forces,
+            np.array(bodies, dtype=np.int64),
+            acting[:, :3],
+            acting[:, 3:],
             self._outer,
         )
 
