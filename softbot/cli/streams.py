@@ -20,6 +20,9 @@ def nothing_printed(quiet: bool = True) -> Iterator[None]:
 
     PyBullet greets and its window talks, past `sys.stdout`; a JSON object has to stand alone.
     """
+    if sys.stdout is None or sys.stderr is None:  # closed by the caller: there is nothing to keep clean
+        yield
+        return
     sys.stdout.flush()
     saved = [os.dup(number) for number in (1, 2)]
     nowhere = os.open(os.devnull, os.O_WRONLY)
