@@ -42,7 +42,8 @@ class Recorder:
                 run_dir.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise InputError(f"{run_dir}: cannot be made: {error.strerror}; choose another --out") from None
-            (run_dir / "summary.json").unlink(missing_ok=True)
+            for earlier in ("summary.json", "report.html", "bus.log"):
+                (run_dir / earlier).unlink(missing_ok=True)
             write_toml(run_dir / "scene.toml", scene.table())
             self._writer = TableWriter(run_dir, "telemetry", TELEMETRY_SCHEMA)
             radius = {b"radius_m": f"{scene.robot.radius_m:.9g}".encode()}

@@ -96,7 +96,7 @@ class SequencerTable(pydantic.BaseModel):
     recovery: bool = Field(True, description="reverse the curvature when a chamber is dead, and roll on")
     start_s: float = Field(0.5, ge=0, le=1e6, description="when the order is given, in seconds")
     bend_rad: float | None = Field(
-        None, gt=0, le=2 * math.pi, description="bend of the C, in radians; default: what the pressure limit allows"
+        None, gt=0, le=6.0, description="bend of the C, in radians; default: what the pressure limit allows"
     )
     lead_rad: float = Field(
         0.8, gt=0, le=math.pi / 2, description="largest lead of the curvature ahead of the C, in radians"
@@ -151,7 +151,16 @@ class Scene(pydantic.BaseModel):
         limit = self.robot.max_pressure_Pa if self.drive.kind != "curvature" else math.inf
         peak = self.drive.peak_pressure_Pa
         if self.drive.kind == "pressure" and peak is not None and peak + self.drive.co_contraction_Pa > limit:
-            raise ValueError(f"drive.peak_pressure_Pa = {peak:g}: above the robot's limit of {limit:g} Pa")
+            raise ValueError(
+                f"drive.peak_pressure_Pa + drive.co_contraction_Pa = {peak + self.drive.co_contraction_Pa:g}: "
+                f"above the robot's limit of {limit:g} Pa; lower one of them"
+            )
+        both_Pa = self.sequencer.co_contraction_Pa
+        if self.drive.kind == "sequencer" and both_Pa > 0.8 * limit:
+            raise ValueError(
+                f"sequencer.co_contraction_Pa = {both_Pa:g}: leaves nothing to bend with; stay below 80 % of the "
+                f"robot's limit of {limit:g} Pa"
+            )
         if self.drive.kind == "sequencer" and self.world.ground == "none":
             raise ValueError('world.ground = "none": the sequencer rolls on a floor; use drive.kind "pressure" afloat')
         curvature = self.drive.curvature_1_m

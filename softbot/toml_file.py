@@ -41,7 +41,7 @@ def read_toml(path: Path) -> Table:
         raise InputError(f"{path}: the file is empty; see scenes/ for examples")
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is a number of too many digits
         raise InputError(f"{path}: not valid TOML: {error}") from None
 
 

@@ -36,6 +36,14 @@ def calibrate(
     """
     import sys
 
+    from softbot.errors import InputError
+
+    for option, path in (("--out", out), ("--plot", plot)):
+        if path is not None and path.exists() and table.exists() and path.samefile(table):
+            raise InputError(f"{option} {path}: is the table itself, which would be lost; name another file")
+    if length_mm is not None and not 1.0 <= length_mm <= 1e5:
+        raise InputError(f"--length-mm {length_mm:g}: a robot is 1 mm to 100 m long; give its length in millimetres")
+
     from rich.console import Console
 
     messages = Console(stderr=True, quiet=json or not sys.stderr.isatty())

@@ -29,6 +29,9 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
             _end(str(error), error.exit_status)
         except ProtocolError as error:
             _end(str(error), InputError.exit_status)
+        except OSError as error:  # a path that no file system takes, a stream that is full
+            where = f"{error.filename}: " if error.filename else ""
+            _end(f"{where}{error.strerror or error}", InputError.exit_status)
 
     return guarded
 

@@ -11,11 +11,10 @@ from pathlib import Path
 from softbot.errors import InputError
 
 RUNS = Path("runs")
-_MADE_FROM_A_RUN = ("report.html", "bus.log", "calibration.png", "robot.toml")
 
 
 def open_run_folder(name: str, out: Path | None) -> Path:
-    """The folder of a run of scene `name`, made, and free of pages made from an earlier run.
+    """The folder of a run of scene `name`, made. An earlier run in it stays until the new one really starts.
 
     Raises InputError when `out` is a file or a folder of something else, or cannot be made.
     """
@@ -26,8 +25,6 @@ def open_run_folder(name: str, out: Path | None) -> Path:
         raise InputError(f"--out {folder}: holds files and no run, so nothing is written there; name another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for made in _MADE_FROM_A_RUN:
-            (folder / made).unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
     return folder

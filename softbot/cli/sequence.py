@@ -28,12 +28,15 @@ def sequence(
     error what it does. Exit status 3 when the board vents or falls silent while it is armed.
     """
     import json as json_format
+    import math
 
     from firmware_protocol.sequencer_link import LinkFailure
     from sim.scene import load_scene
-    from softbot.errors import SimulationError
+    from softbot.errors import InputError, SimulationError
     from softbot.nodes.wall_clock import run_sequencer, sequencer_report, stopped_by_signals
 
+    if duration_s is not None and not 0.0 < duration_s < math.inf:
+        raise InputError(f"--duration-s {duration_s:g}: give a positive number of seconds")
     checked = load_scene(scene, tuple(assignments or ()))
     with stopped_by_signals() as stop:
         run = run_sequencer(

@@ -97,3 +97,18 @@ def test_bad_table_writes_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line 2, column 'bend_deg'"):
         calibrate(table, out=tmp_path / "robot.toml")
     assert not (tmp_path / "robot.toml").exists()
+
+
+def test_the_table_is_never_overwritten(tmp_path):
+    from softbot.cli.calibrate import calibrate
+    from softbot.errors import InputError
+
+    table = tmp_path / "t.csv"
+    text = "pressure_kPa,bend_deg\n0,0\n10,5\n20,11\n30,17\n40,24\n"
+    table.write_text(text)
+    for option in ({"out": table}, {"plot": table}):
+        with pytest.raises(InputError, match="is the table itself"):
+            calibrate(table, length_mm=150.0, **option)
+    assert table.read_text() == text
+    with pytest.raises(InputError, match="millimetres"):
+        calibrate(table, length_mm=0.15)

@@ -95,3 +95,27 @@ def test_wall_clock_holds_the_run_back(softbot: Any, scene_file: Path) -> None:
 def test_a_window_is_for_the_segment_twin_only(softbot: Any, scene_file: Path) -> None:
     result = softbot("run", scene_file, "--gui", "--set", "drive.kind=curvature", "--set", 'solver.twin="rod"')
     assert result.exit_code == 2
+
+
+def test_a_start_that_fails_leaves_the_earlier_run_alone(softbot: Any, scene_file: Path) -> None:
+    assert softbot("run", scene_file, "--out", "kept").exit_code == 0
+    before = {path.name: path.read_bytes() for path in Path("kept").iterdir()}
+    for assignment in ("sequencer.co_contraction_Pa=1e6", "robot.pneumatics.max_chamber_pressure_Pa=1e5"):
+        result = softbot("run", scene_file, "--out", "kept", "--set", assignment)
+        assert result.exit_code == 2
+        assert assignment.split("=")[0].split(".")[-1] in result.stderr
+    assert softbot("plant", scene_file, "--interface", "nope", "--out", "kept").exit_code == 2
+    assert {path.name: path.read_bytes() for path in Path("kept").iterdir()} == before
+
+
+def test_a_path_that_no_file_system_takes_ends_with_2(softbot: Any, scene_file: Path) -> None:
+    result = softbot("run", scene_file, "--out", "x" * 300)
+    assert result.exit_code == 2
+    assert "too long" in result.stderr
+
+
+def test_a_sequencer_needs_a_time_that_is_one(softbot: Any, scene_file: Path) -> None:
+    for wrong in ("nan", "-1", "0", "inf"):
+        result = softbot("sequence", scene_file, "--interface", "virtual", f"--duration-s={wrong}")
+        assert result.exit_code == 2
+        assert "--duration-s" in result.stderr

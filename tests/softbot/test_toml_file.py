@@ -216,3 +216,11 @@ def test_checked_table_becomes_the_model_with_its_defaults() -> None:
     cart = check(Cart, {"front": FRONT, "wheel": [FRONT]}, "cart.toml")
     assert cart.wheel == (Wheel(diameter_mm=300.0),)
     assert cart.top_speed_m_s == 1.0
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 3000, "seed = " + "9" * 6000], ids=["deep", "long number"])
+def test_toml_that_breaks_the_reader_is_bad_input(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "odd.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"odd\.toml: not valid TOML"):
+        read_toml(path)
