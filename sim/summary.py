@@ -171,7 +171,15 @@ def _match(events: Events) -> dict[str, Any]:
         else:
             open_faults.remove(cause)
             detections.append({**found, "delay_s": found["t_s"] - cause["t_s"]})
-    return {"detections": detections, "false_alarms": false_alarms, "missed_faults": len(open_faults)}
+    # what strikes a chamber already known to be broken changes nothing that could be seen
+    missed = [
+        f
+        for f in open_faults
+        if not any(
+            d["delay_s"] is not None and d["chamber"] == f["chamber"] and d["t_s"] <= f["t_s"] for d in detections
+        )
+    ]
+    return {"detections": detections, "false_alarms": false_alarms, "missed_faults": len(missed)}
 
 
 def _columns(telemetry: pa.Table) -> dict[str, NDArray[np.float64]]:

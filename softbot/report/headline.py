@@ -89,13 +89,16 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
     clauses = [words.format(chamber=chamber, t=spoken_time(t_s))]
     timed: list[tuple[float, int, str]] = []  # the number orders what happens at the same time
 
-    named = next((d for d in _within(recording, "detections", t_s, until_s) if d.get("chamber") == chamber), None)
+    end_s = float(recording.t_s[-1])  # the next fault may strike before this one is found
+    named = next((d for d in _within(recording, "detections", t_s, end_s) if d.get("chamber") == chamber), None)
     if named is not None:
         timed.append((float(named["t_s"]), 1, _naming(named, fault)))
     elif recording.drive_kind == "sequencer":
         clauses.append("did not notice")
 
-    recoveries = _within(recording, "recoveries", t_s, until_s)
+    answers = _within(recording, "recoveries", t_s, until_s)
+    safe_stop = any(answer.get("strategy") == "safe_stop" for answer in answers)
+    recoveries = [answer for answer in answers if answer.get("strategy") != "safe_stop"]
     stalls = _within(recording, "stalls", t_s, until_s)
     standing = _stands_at_end(recording, t_s, until_s)
     if recoveries:
@@ -107,7 +110,11 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
 
     before = turned_rev(recording, float(recording.t_s[0]), first_fault_s)
     more = turned_rev(recording, t_s, until_s)
-    if recoveries:
+    if safe_stop:
+        clauses.append("went into the safe state")
+        if abs(more) >= STILL_REV:
+            clauses.append(f"coasted another {_revolutions(abs(more))}")
+    elif recoveries:
         clauses.append(_more(more, before) if abs(more) >= STILL_REV else "got no further")
     elif standing:
         if abs(more) >= STILL_REV:

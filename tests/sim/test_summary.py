@@ -186,6 +186,7 @@ def fault(t_s: float, chamber: int = 2, kind: str = "rupture") -> dict[str, Any]
         ([fault(4.0)], [fault(4.5), fault(5.0)], [0.5, None], 0, 0),  # said twice: no false alarm
         ([fault(4.0), fault(5.0, chamber=0)], [fault(5.2, chamber=0)], [0.2], 0, 1),
         ([fault(4.0), fault(6.0)], [fault(4.1), fault(6.3)], [0.1, 0.3], 0, 0),  # each its own
+        ([fault(4.0), fault(6.0)], [fault(4.1)], [0.1], 0, 0),  # the chamber was known to be broken
         ([], [fault(1.0), fault(2.0)], [None, None], 2, 0),
     ],
 )

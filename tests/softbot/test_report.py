@@ -412,6 +412,19 @@ def test_headline_tells_a_recovery_that_failed(tmp_path: Path) -> None:
     assert text.endswith("stopped, reversed its curvature and got no further.")
 
 
+def test_headline_tells_a_safe_stop_and_that_the_tube_coasted(tmp_path: Path) -> None:
+    stop = {"t_s": 4.12, "strategy": "safe_stop"}
+    text = told(tmp_path, faults=[RUPTURE], detections=[NAMED], recoveries=[stop])
+    assert "reversed" not in text
+    assert "named it 0.12 s later, went into the safe state and coasted another 3.0 revolutions" in text
+
+
+def test_headline_finds_the_verdict_on_a_fault_that_another_one_followed(tmp_path: Path) -> None:
+    at_once = RUPTURE | {"chamber": 0}
+    text = told(tmp_path, faults=[RUPTURE, at_once], detections=[NAMED, NAMED | {"chamber": 0}])
+    assert "did not notice" not in text
+
+
 def test_headline_counts_each_fault_of_several(tmp_path: Path) -> None:
     later = {"t_s": 7.0, "chamber": 0, "kind": "sensor_offset"}
     text = told(tmp_path, faults=[later, RUPTURE], detections=[NAMED])
