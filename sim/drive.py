@@ -30,6 +30,16 @@ def curvature_1_m(drive: Drive, t_s: float) -> FloatArray:
     return drive.curvature_1_m * amplitude(drive, t_s) * np.array([math.cos(angle), math.sin(angle)])
 
 
+def without_chamber(curvature_1_m: FloatArray, chamber: int, lost: float) -> FloatArray:
+    """A given curvature vector (2,) [1/m] less what a chamber that has lost the share `lost` (0 … 1) would give.
+
+    Chamber i bends towards α_i + π, and no other chamber does; that component is what a dead one takes away.
+    """
+    angle = CHAMBER_ANGLES_RAD[chamber] + math.pi
+    towards = np.array([math.cos(angle), math.sin(angle)])
+    return curvature_1_m - lost * max(float(curvature_1_m @ towards), 0.0) * towards
+
+
 def pressures_Pa(drive: Drive, t_s: float) -> FloatArray:
     """Chamber pressures wanted at `t_s`, shape (4,) [Pa gauge], for drive.kind = "pressure".
 

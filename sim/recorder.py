@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from sim.telemetry import FLUSH_ROWS, SHAPE_SCHEMA, TELEMETRY_SCHEMA, TableWrite
 from sim.trajectory import Posture, Trajectory, wrapped
 from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.errors import InputError
+from softbot.faults import Fault
 from softbot.toml_file import write_toml
 
 FloatArray = NDArray[np.float64]
@@ -56,6 +58,10 @@ class Recorder:
     def stop_clock(self) -> None:
         """… to here; recording between the two is not counted."""
         self._wall_s += time.perf_counter() - self._started_s
+
+    def note_faults(self, struck: Iterable[Fault]) -> None:
+        """Faults that have just struck, for the summary."""
+        self.events.faults += [{"t_s": f.t_s, "chamber": f.chamber, "kind": str(f.kind)} for f in struck]
 
     def sample(
         self,

@@ -18,12 +18,13 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from sim.body import Body, Twin
-from sim.drive import amplitude, curvature_1_m, phase_rad, pressures_Pa
+from sim.drive import amplitude, curvature_1_m, phase_rad, pressures_Pa, without_chamber
 from sim.plant import Plant
 from sim.recorder import Recorder, samples_of
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin, steps_per_period
 from softbot.errors import InputError, SimulationError
+from softbot.faults import EMPTIES_CHAMBER, PlantConditions
 from softbot.sensing import Readings
 
 FloatArray = NDArray[np.float64]
@@ -106,12 +107,18 @@ def phase_name(scene: Scene, t_s: float) -> str:
 
 def _given_curvature(scene: Scene, twin: Twin, recorder: Recorder, steps: int) -> Callable[[int], None]:
     stiffness = Body.of(scene.robot).rest_stiffness()
+    conditions = PlantConditions(scene.fault)
 
     def advance(sample: int) -> None:
         recorder.start_clock()
         for step in range(steps):
             t_s = sample * CONTROL_PERIOD_S + (step + 1) * twin.step_s
-            twin.set_rest(np.array([1.0, *curvature_1_m(scene.drive, t_s)]), stiffness)
+            recorder.note_faults(conditions.advance(t_s))
+            curvature = curvature_1_m(scene.drive, t_s)
+            for fault in conditions.active:
+                if fault.kind in EMPTIES_CHAMBER:  # the other kinds need pneumatics, which a given curvature has not
+                    curvature = without_chamber(curvature, fault.chamber, fault.severity)
+            twin.set_rest(np.array([1.0, *curvature]), stiffness)
             twin.step()
         motion = twin.motion()
         recorder.stop_clock()
@@ -133,7 +140,7 @@ def _given_pressures(
         opening = valves.openings(setpoint, plant.read_sensors())
         struck = plant.advance(opening, True, steps)
         recorder.stop_clock()
-        recorder.events.faults += [{"t_s": f.t_s, "chamber": f.chamber, "kind": str(f.kind)} for f in struck]
+        recorder.note_faults(struck)
         recorder.sample(
             plant.t_s,
             twin,

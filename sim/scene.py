@@ -146,8 +146,6 @@ class Scene(pydantic.BaseModel):
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.drive.kind == "curvature" and self.fault:
-            raise ValueError('fault: drive.kind = "curvature" has no chambers to fail; use "pressure" or "sequencer"')
         limit = self.robot.max_pressure_Pa if self.drive.kind != "curvature" else math.inf
         peak = self.drive.peak_pressure_Pa
         if self.drive.kind == "pressure" and peak is not None and peak + self.drive.co_contraction_Pa > limit:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sim.scene import Scene
 from sim.trajectory import wrapped
 from softbot.cross_section import CHAMBER_ANGLES_RAD
-from softbot.faults import FaultKind
+from softbot.faults import EMPTIES_CHAMBER
 
 SUMMARY_SCHEMA = "softbot-summary-1"
 
@@ -28,8 +28,6 @@ STALL_WINDOW_S = 1.2
 STALL_ROLL_RAD = 0.3
 """A robot whose roll spans less than this over the window has stalled: it may rock a little, but does not get on."""
 _BENT_RAD = 0.15
-
-DEAD_KINDS = frozenset({FaultKind.RUPTURE, FaultKind.BLOCKED_INLET})
 
 
 @dataclass
@@ -129,7 +127,7 @@ def find_stalls(column: dict[str, NDArray[np.float64]], faults: list[dict[str, A
             rest = roll[(index + last) // 2 : (index + last) // 2 + window // 2]
             inside = np.abs(roll[index : last + 1] - 0.5 * (rest.min() + rest.max())) <= 0.5 * np.ptp(rest) + 0.02
             stopped, until = index + int(np.argmax(inside)), last - int(np.argmax(inside[::-1]))
-            dead = [f for f in faults if f["t_s"] <= t_s[stopped] and f["kind"] in DEAD_KINDS]
+            dead = [f for f in faults if f["t_s"] <= t_s[stopped] and f["kind"] in EMPTIES_CHAMBER]
             chamber, theta = -1, math.nan
             if dead:
                 chamber = int(dead[-1]["chamber"])

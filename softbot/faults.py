@@ -66,6 +66,10 @@ class FaultKind(StrEnum):
     SENSOR_STUCK = "sensor_stuck"
 
 
+EMPTIES_CHAMBER = frozenset({FaultKind.RUPTURE, FaultKind.BLOCKED_INLET})
+"""Faults after which a chamber cannot be filled, so that what it bends is lost."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fault:
     """One thing that breaks at one time.

@@ -92,7 +92,7 @@ class PlantNode:
         self._recorder.start_clock()
         struck = self.plant.advance(self._opening, self._main_supply_open, self._steps)
         self._recorder.stop_clock()
-        self._recorder.events.faults += [{"t_s": f.t_s, "chamber": f.chamber, "kind": str(f.kind)} for f in struck]
+        self._recorder.note_faults(struck)
         self._recorder.sample(
             self.plant.t_s,
             self._twin,

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.drive import amplitude, curvature_1_m, phase_rad, pressures_Pa
+from sim.drive import amplitude, curvature_1_m, phase_rad, pressures_Pa, without_chamber
 from sim.scene import Drive
 from softbot.actuator import ActuatorLaw
 from softbot.cross_section import default_cross_section
+from softbot.rolling import reachable_half_plane
 
 
 def given_curvature(**changes: Any) -> Drive:
@@ -67,3 +68,18 @@ def test_pressures_bend_a_tube_towards_the_phase(direction: int) -> None:
             abs(abs(math.remainder(phase, 2.0 * math.pi)) - math.pi) < 1e-6
         )
         assert np.hypot(*bend) == pytest.approx(np.hypot(*law.equilibrium([40e3, 0, 0, 0]).curvature_1_m), rel=1e-6)
+
+
+@pytest.mark.parametrize("chamber", range(4))
+def test_a_dead_chamber_takes_its_part_of_a_given_curvature(chamber: int) -> None:
+    """What is left is the nearest that the others can give; a half-dead chamber gives half."""
+    reachable = reachable_half_plane([chamber])
+    towards = chamber * math.pi / 2 + math.pi
+    for angle in np.linspace(0.0, 2.0 * math.pi, 17):
+        whole = 12.0 * np.array([math.cos(angle), math.sin(angle)])
+        left = without_chamber(whole, chamber, 1.0)
+        if reachable.contains(angle):
+            np.testing.assert_allclose(left, whole, atol=1e-12)
+        else:
+            assert abs(left @ [math.cos(towards), math.sin(towards)]) < 1e-12
+            np.testing.assert_allclose(without_chamber(whole, chamber, 0.5), 0.5 * (left + whole), atol=1e-12)

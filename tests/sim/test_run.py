@@ -161,3 +161,17 @@ def test_phases_have_names(scene_table: dict[str, Any]) -> None:
     scene_table["drive"].update(start_s=1.0, ramp_s=0.5)
     scene = make(scene_table)
     assert [phase_name(scene, t) for t in (0.2, 0.7, 1.0)] == ["straight", "bending", "turning"]
+
+
+def test_a_rupture_takes_its_part_of_a_given_curvature(scene_table: dict[str, Any]) -> None:
+    scene_table["fault"] = [{"t_s": 0.2, "chamber": 2, "kind": "rupture"}]
+    scene_table["drive"] |= {
+        "period_s": 4.0,
+        "start_s": 0.2,
+        "ramp_s": 0.1,
+    }  # bends towards chamber 0: chamber 2's work
+    broken = simulate(make(scene_table))
+    assert broken.summary["faults"] == [{"t_s": 0.2, "chamber": 2, "kind": "rupture"}]
+    (bend,) = columns(broken, "bend_rad")
+    assert bend[15] > 0.5
+    assert bend[-1] < 0.5 * bend[15]

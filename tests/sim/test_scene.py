@@ -149,7 +149,6 @@ def test_wrong_robot_file_is_named_itself(tmp_path: Path, scene_table: dict[str,
         ("metrics.steady_after_s=50", "metrics.steady_after_s = 50: not before the end at solver.duration_s = 0.5"),
         ("sequencer.comand=left", "did you mean command?"),
         ("fault={t_s=1, chamber=1, kind='leak'}", "list of tables, each under [[fault]]"),
-        ("fault=[{t_s=1, chamber=1, kind='leak'}]", "has no chambers to fail"),
         ("worlds=1", "worlds: unknown key; did you mean world?"),
     ],
 )
