@@ -160,7 +160,7 @@ def segment_twin_at_4_ms(repeats: int = 3, duration_s: float = 20.0) -> Result:
 
     scene = scene_of(cases()[-1], Setting("bullet", 0.005, segments=10))
     drive = Drive(kind="curvature", curvature_1_m=12.0, period_s=2.0, start_s=1.0)
-    world = World(scene.world.gravity_m_s2, True, scene.world.friction, scene.world.friction_law)
+    world = World(scene.world.gravity_m_s2, "plane", scene.world.friction, scene.world.friction_law)
     body = replace(Body.of(scene.robot), bending_stiffness_N_m2=BENDING_STIFFNESS_N_M2)
     step_s, factors, revolutions = 0.004, [], 0.0
     for _ in range(repeats):

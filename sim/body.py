@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,6 +25,8 @@ class Body:
     twisting_stiffness_N_m2: float
     axial_stiffness_N: float
     damping_time_s: float
+    ovalisation_m2: float = 0.0
+    """a of the bending moment EI(κ − aκ³) of a section that ovalises; 0: it keeps its shape."""
 
     @classmethod
     def of(cls, robot: Robot) -> Body:
@@ -45,12 +48,35 @@ class Body:
 
 @dataclass(frozen=True)
 class World:
-    """What surrounds the robot. `friction` is a coefficient (coulomb) or N s/m² (viscous)."""
+    """What surrounds the robot. `friction` is a coefficient (coulomb) or N s/m² (viscous).
+
+    Axes are those of the floor: on a slope gravity is tilted, not the floor.
+    """
 
     gravity_m_s2: float
-    ground: bool
+    ground: str
+    """ "plane", "step", "pipe" or "none"."""
     friction: float
     friction_law: str
+    slope_rad: float = 0.0
+    slope_heading_rad: float = math.pi / 2
+    step_height_m: float = 0.0
+    step_distance_m: float = 0.0
+    pipe_radius_m: float = 0.0
+    pipe_axis: str = "across"
+    rolling_resistance_N_m: float = 0.0
+
+    @property
+    def gravity_vector_m_s2(self) -> FloatArray:
+        """Gravity in the axes of the floor, shape (3,)."""
+        downhill = self.gravity_m_s2 * math.sin(self.slope_rad)
+        return np.array(
+            [
+                downhill * math.cos(self.slope_heading_rad),
+                downhill * math.sin(self.slope_heading_rad),
+                -self.gravity_m_s2 * math.cos(self.slope_rad),
+            ]
+        )
 
 
 @dataclass(frozen=True)

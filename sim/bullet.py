@@ -107,9 +107,9 @@ class BulletTwin:
         self._weight_N = np.zeros((bodies, 3))
         self._weight_N[:, 2] = -self._mass_kg * self._world.gravity_m_s2
         self._drag = np.zeros((self._size, self._size))
-        self._floats = not self._world.ground and not other_bodies
+        self._floats = self._world.ground == "none" and not other_bodies
         self._steps = 0
-        self._has_drag = self._world.ground and self._world.friction_law == "viscous"
+        self._has_drag = self._world.ground != "none" and self._world.friction_law == "viscous"
 
     def _build_world(self) -> None:
         p, client = pybullet, self._client
@@ -126,7 +126,7 @@ class BulletTwin:
             contactBreakingThreshold=0.1 * self._body.radius_m,
             physicsClientId=client,
         )
-        if self._world.ground:
+        if self._world.ground != "none":
             plane = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client)
             floor = p.createMultiBody(0.0, plane, physicsClientId=client)
             p.changeDynamics(
@@ -164,7 +164,7 @@ class BulletTwin:
                 )
             )
 
-        height = radius if self._world.ground else 0.0
+        height = radius if self._world.ground != "none" else 0.0
         first_centre_m = -0.5 * self._body.length_m + 0.5 * length
         links = bodies - 1
         bullet_kind = [p.JOINT_SPHERICAL if k == SPHERICAL else p.JOINT_PRISMATIC for k in self._joint_kind]
@@ -229,7 +229,7 @@ class BulletTwin:
         A rigid contact leaves the sharing of the load between ten spheres on a floor to rounding errors.
         """
         weight_N = self._body.mass_kg * self._world.gravity_m_s2 / self._segments
-        if not self._world.ground or weight_N <= 0.0:
+        if self._world.ground == "none" or weight_N <= 0.0:
             return {}
         stiffness_N_m = weight_N / (_CONTACT_SINK * self._body.radius_m)
         segment_kg = self._body.mass_kg / self._segments

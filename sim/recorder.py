@@ -33,7 +33,7 @@ class Recorder:
 
     def __init__(self, scene: Scene, run_dir: Path | None) -> None:
         self._scene, self._run_dir = scene, run_dir
-        self._trajectory = Trajectory(scene.robot.length_m, grounded=scene.world.ground == "plane")
+        self._trajectory = Trajectory(scene.robot.length_m, grounded=scene.world.ground != "none")
         self._rows: list[dict[str, Any]] = []
         self._samples = 0
         self._writer: TableWriter | None = None

@@ -60,7 +60,7 @@ class RodTwin:
             mass_kg=float(body.mass_kg),
             gravity_m_s2=float(world.gravity_m_s2),
             damping_time_s=float(body.damping_time_s),
-            touches=bool(world.ground),
+            touches=world.ground != "none",
             stretches=bool(stretches),
             viscous=viscous,
             friction=float(world.friction * (body.length_m / body.mass_kg if viscous else 1.0)),
@@ -76,7 +76,7 @@ class RodTwin:
         for table, values in zip(self._rule, rod_rule(body.length_m, body.mass_kg, modes, contact_points), strict=True):
             table[...] = values
         self._outline = rod_outline(body.length_m, contact_points, _OUTLINE_PLACES)
-        if world.ground:
+        if world.ground != "none":
             self._state.position_m[2] = body.radius_m
         self._state.rotation[...] = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
         if stretches:

@@ -38,10 +38,14 @@ class Drive(pydantic.BaseModel):
 
     model_config = STRICT
 
-    kind: Literal["curvature", "pressure", "sequencer"] = Field(
-        description="curvature: given; pressure: open-loop chamber pressures; sequencer: closed loop"
+    kind: Literal["curvature", "contraction", "pressure", "sequencer"] = Field(
+        description="curvature: given; contraction: given muscle strain; pressure: open-loop chamber pressures; "
+        "sequencer: closed loop"
     )
-    curvature_1_m: float | None = Field(None, ge=0, le=1e4, description="size of the intrinsic curvature, in 1/m")
+    curvature_1_m: float | None = Field(None, ge=0, le=1e6, description="size of the intrinsic curvature, in 1/m")
+    contraction: float | None = Field(
+        None, ge=0, le=10, description="strain by which the muscle on the inner side contracts, without unit"
+    )
     peak_pressure_Pa: float | None = Field(
         None, ge=0, le=1e8, description="highest chamber pressure of the sequence, in pascals"
     )
@@ -54,11 +58,23 @@ class Drive(pydantic.BaseModel):
     )
     start_s: float = Field(1.0, ge=0, le=1e6, description="bent by then, and turning from then on, in seconds")
     ramp_s: float = Field(0.5, gt=0, le=1e6, description="time in which the bend grows, ending at start_s, in seconds")
+    lead_rad: float | None = Field(
+        None,
+        ge=-math.pi,
+        le=math.pi,
+        description="instead of turning in period_s, the curvature is asked for this far ahead of the inner side of "
+        "the C as it lies now (feedback of the roll), in radians",
+    )
+    lag_s: float = Field(0.0, ge=0, le=1e3, description="first-order lag of the curvature, in seconds")
 
     @pydantic.model_validator(mode="after")
     def _needs_its_size(self) -> Self:
         if self.kind == "curvature" and self.curvature_1_m is None:
             raise ValueError('curvature_1_m: missing; drive.kind = "curvature" needs it')
+        if self.kind == "contraction" and self.contraction is None:
+            raise ValueError('contraction: missing; drive.kind = "contraction" needs it')
+        if self.lead_rad is not None and self.lag_s <= 0.0:
+            raise ValueError("lag_s: missing; with lead_rad the curvature needs a lag to turn at a finite speed")
         if self.kind == "pressure" and self.peak_pressure_Pa is None:
             raise ValueError('peak_pressure_Pa: missing; drive.kind = "pressure" needs it')
         return self
@@ -70,8 +86,27 @@ class WorldTable(pydantic.BaseModel):
     model_config = STRICT
 
     gravity_m_s2: float = Field(9.81, ge=0, le=1e3, description="in m/s², downwards")
-    ground: Literal["plane", "none"] = Field(
-        "plane", description="plane: a flat floor at z = 0; none: the robot floats"
+    ground: Literal["plane", "step", "pipe", "none"] = Field(
+        "plane",
+        description="plane: a flat floor at z = 0; step: a floor with a step; pipe: a round pipe, its top at z = 0; "
+        "none: the robot floats",
+    )
+    slope_rad: float = Field(
+        0.0, ge=0, le=1.5, description="plane, step: inclination of the floor, in radians; axes stay those of the floor"
+    )
+    slope_heading_rad: float = Field(
+        math.pi / 2, ge=-math.pi, le=math.pi, description="downhill, from +x towards +y (the robot's left), in radians"
+    )
+    step_height_m: float = Field(0.005, gt=0, le=10, description="step: its height, in metres")
+    step_distance_m: float = Field(
+        0.05, ge=-1e3, le=1e3, description="step: y of its riser (+: to the robot's left), rising outwards, in metres"
+    )
+    pipe_radius_m: float = Field(0.1, gt=0, le=100, description="pipe: its outer radius, in metres")
+    pipe_axis: Literal["across", "along"] = Field(
+        "across", description="pipe: across: its axis along y, the robot lies over it; along: parallel to the robot"
+    )
+    rolling_resistance_N_m: float = Field(
+        0.0, ge=0, le=1e3, description="moment M_th that rolling the whole robot has to overcome, in N m"
     )
     friction: float = Field(0.6, ge=0, le=1e6, description="coulomb: coefficient; viscous: N s/m²")
     friction_law: Literal["coulomb", "viscous"] = "coulomb"
@@ -118,6 +153,13 @@ class Solver(pydantic.BaseModel):
     )
     segments: int | None = Field(None, ge=2, le=200, description="bullet: overrides the number of segments")
     modes: int | None = Field(None, ge=1, le=12, description="rod: overrides the number of bending modes")
+    contact_points: int | None = Field(None, ge=4, le=200, description="rod: overrides the number of contact points")
+    tolerance: float | None = Field(
+        None, gt=0, le=0.1, description="rod: adaptive step that keeps the relative error of a step below this"
+    )
+    question: Literal["motion", "equilibrium"] = Field(
+        "motion", description="motion: what happens; equilibrium: where the bent robot comes to rest, no dynamics"
+    )
 
 
 class Metrics(pydantic.BaseModel):
@@ -146,7 +188,7 @@ class Scene(pydantic.BaseModel):
 
     @pydantic.model_validator(mode="after")
     def _consistent(self) -> Self:
-        limit = self.robot.max_pressure_Pa if self.drive.kind != "curvature" else math.inf
+        limit = self.robot.max_pressure_Pa if self.drive.kind in ("pressure", "sequencer") else math.inf
         peak = self.drive.peak_pressure_Pa
         if self.drive.kind == "pressure" and peak is not None and peak + self.drive.co_contraction_Pa > limit:
             raise ValueError(

@@ -20,9 +20,7 @@ LEAST_STEPS_PER_TURN = 20
 def make_twin(scene: Scene, *, gui: bool = False) -> Twin:
     """The twin of a scene, straight and at rest. Stretch is left out where no chamber drives it."""
     body = Body.of(scene.robot)
-    world = World(
-        scene.world.gravity_m_s2, scene.world.ground == "plane", scene.world.friction, scene.world.friction_law
-    )
+    world = World(**scene.world.model_dump())
     stretches = scene.drive.kind != "curvature"
     solver = scene.solver
     chosen_s = BULLET[solver.accuracy][0] if solver.twin == "bullet" else ROD[solver.accuracy][0]

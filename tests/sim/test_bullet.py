@@ -18,8 +18,8 @@ from softbot.errors import SimulationError
 from softbot.rolling import floating_ratio
 
 BODY = Body(0.15, 0.01, 0.0518, 3.93e-3, 2.62e-3, 500.0, 0.02)
-FLOOR = World(9.81, True, 0.6, "coulomb")
-FLOATING = World(0.0, False, 0.6, "coulomb")
+FLOOR = World(9.81, "plane", 0.6, "coulomb")
+FLOATING = World(0.0, "none", 0.6, "coulomb")
 STIFFNESS = BODY.rest_stiffness()
 
 MakeTwin = Callable[..., BulletTwin]
@@ -83,7 +83,7 @@ def test_floating_robot_makes_no_momentum_and_turns_as_angular_momentum_demands(
 
 
 def test_floating_robot_falls_freely_under_gravity(make_twin: MakeTwin) -> None:
-    twin = make_twin(World(9.81, False, 0.0, "coulomb"))
+    twin = make_twin(World(9.81, "none", 0.0, "coulomb"))
     settle(twin, curved(0.5, 8.0), 0.4)
     assert twin.motion().mid_velocity_m_s[2] == pytest.approx(-9.81 * 0.4, rel=0.02)
     assert twin.motion().centre_of_mass_m[2] == pytest.approx(-0.5 * 9.81 * 0.4**2, rel=0.03)
@@ -157,7 +157,7 @@ def test_turning_robot_stays_on_the_floor_and_bent_at_4_ms(make_twin: MakeTwin, 
 
 @pytest.mark.parametrize("friction_law", ["coulomb", "viscous"])
 def test_sudden_bend_is_taken_calmly(make_twin: MakeTwin, friction_law: str) -> None:
-    twin = make_twin(World(9.81, True, 0.6, friction_law), step_s=0.005)
+    twin = make_twin(World(9.81, "plane", 0.6, friction_law), step_s=0.005)
     settle(twin, curved(0.5), 0.6, ramp_s=0.0)
     motion = twin.motion()
     assert np.hypot(*motion.curvature_1_m) == pytest.approx(12.0, rel=0.1)
@@ -166,7 +166,7 @@ def test_sudden_bend_is_taken_calmly(make_twin: MakeTwin, friction_law: str) -> 
 
 
 def test_smooth_floor_gives_no_advance(make_twin: MakeTwin) -> None:
-    twin = make_twin(World(9.81, True, 0.0, "coulomb"))
+    twin = make_twin(World(9.81, "plane", 0.0, "coulomb"))
     settle(twin, curved(0.0), 0.5)
     start = twin.motion().centre_of_mass_m
     turn(twin, 1.0, 1.0)
@@ -180,7 +180,7 @@ def test_smooth_floor_gives_no_advance(make_twin: MakeTwin) -> None:
 def test_viscous_floor_slows_a_sliding_robot_as_its_coefficient_says(make_twin: MakeTwin) -> None:
     """m v' = −c L v for a straight robot along its axis: v = v0·exp(−cLt/m), whatever the load."""
     coefficient = 2.0  # N s/m²
-    twin = make_twin(World(9.81, True, coefficient, "viscous"))
+    twin = make_twin(World(9.81, "plane", coefficient, "viscous"))
     settle(twin, curved(0.0, 0.0), 0.1)
     pybullet.resetBaseVelocity(twin._robot, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=twin._client)
     twin._read_state()
@@ -195,7 +195,7 @@ def test_viscous_floor_slows_a_sliding_robot_as_its_coefficient_says(make_twin: 
 
 @pytest.mark.parametrize("stretches", [False, True])
 def test_viscous_floor_rolls_the_robot_the_same_way(make_twin: MakeTwin, stretches: bool) -> None:
-    twin = make_twin(World(9.81, True, 20.0, "viscous"), stretches=stretches, segments=6)
+    twin = make_twin(World(9.81, "plane", 20.0, "viscous"), stretches=stretches, segments=6)
     settle(twin, curved(0.0), 0.3)
     start = twin.motion().centre_of_mass_m
     turn(twin, 1.0, 1.0)
@@ -204,7 +204,7 @@ def test_viscous_floor_rolls_the_robot_the_same_way(make_twin: MakeTwin, stretch
 
 
 def test_viscous_drag_is_felt_only_by_what_touches(make_twin: MakeTwin) -> None:
-    twin = make_twin(World(0.0, True, 50.0, "viscous"))
+    twin = make_twin(World(0.0, "plane", 50.0, "viscous"))
     pybullet.resetBasePositionAndOrientation(
         twin._robot, [0.0, 0.0, 0.5], [0.5, 0.5, 0.5, 0.5], physicsClientId=twin._client
     )
@@ -288,7 +288,7 @@ def test_closed_twin_frees_its_engine_and_may_be_closed_again(make_twin: MakeTwi
 
 def test_interpreted_and_compiled_twins_move_alike(make_twin: MakeTwin, interpreted: Callable[..., None]) -> None:
     def end() -> np.ndarray:
-        twin = make_twin(World(9.81, True, 20.0, "viscous"), segments=3, stretches=True)
+        twin = make_twin(World(9.81, "plane", 20.0, "viscous"), segments=3, stretches=True)
         settle(twin, curved(0.4, 6.0), 5 * twin.step_s)
         return np.concatenate([twin.shape()[0].ravel(), twin.motion().angular_momentum_kg_m2_s])
 

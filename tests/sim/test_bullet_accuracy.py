@@ -66,7 +66,7 @@ def test_errors_shrink_as_links_and_steps_are_refined() -> None:
 def test_ten_links_roll_for_a_minute_at_4_ms() -> None:
     scene = load_scene(SCENES / "slow_roll.toml")
     body = Body.of(scene.robot)
-    twin = BulletTwin(body, World(9.81, True, 0.6, "coulomb"), segments=10, step_s=0.004, stretches=False)
+    twin = BulletTwin(body, World(9.81, "plane", 0.6, "coulomb"), segments=10, step_s=0.004, stretches=False)
     trajectory = Trajectory(body.length_m, grounded=True)
     stiffness = body.rest_stiffness()
     for n in range(round(60.0 / twin.step_s)):
