@@ -1,46 +1,80 @@
-"""Rod twin: the robot as a Kirchhoff rod of a few Legendre modes on a floor, made for speed.
+"""Rod twin: the robot as a Kirchhoff rod of a few Legendre modes on the ground, made for speed.
 
-Thirteen unknowns for three modes, one small Cholesky a step, all compiled (`sim.rod_kernel`, where the model and its
-equations are). The stretch, where the robot has any, is one uniform coordinate with its own inertia, coupled to the
-mean bend through the section's stiffness.
+Six unknowns of the base and three of each mode (fewer where a scene allows), one small Cholesky a step, all compiled
+(`sim.rod_kernel`, where the model and its equations are). The stretch, where the robot has any, is one uniform
+coordinate with its own inertia, coupled to the mean bend through the section's stiffness.
 
-Left out: shear, stretch that varies along the tube, contact with anything but the floor, rolling resistance.
+Left out: shear, stretch that varies along the tube, contact of the tube with itself.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from sim.body import Body, Motion, World
-from sim.rod_kernel import steps
-from sim.rod_memory import INERTIA_ROWS, Physics, carve, rod_memory
+from sim.motion_rows import (
+    ANGULAR_MOMENTUM,
+    ANGULAR_VELOCITY,
+    CENTRE_OF_MASS,
+    CHORD,
+    CURVATURE,
+    ENERGY,
+    PENETRATION,
+    ROTATION,
+    ROW_SIZE,
+    STRETCH,
+    VELOCITY,
+)
+from sim.rod_drive import hold
+from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
+from sim.rod_kernel import ADVICE, ASLEEP, KINKED, RESTED, TIME, WORK, play
+from sim.rod_memory import Layout, Physics, carve, rod_memory
 from sim.rod_rule import rod_outline, rod_rule
 from softbot.errors import InputError, SimulationError
 
 FloatArray = NDArray[np.float64]
 
-_CONTACT_SINK = 0.01  # static penetration over radius
+_CONTACT_SINK = 0.01  # static penetration under an even load over the radius
 _CONTACT_DAMPING_RATIO = 1.0
-_LEAST_GRAVITY_M_S2 = 1.0  # for the floor's stiffness, where there is less or none
-_REGULAR_SPEED = 0.002  # of Coulomb friction over the rolling speed
-_LEAST_SPEED = 1e-5  # its floor over √(gR)
+_LEAST_GRAVITY_M_S2 = 1.0  # for the ground's stiffness, where there is less or none
+_SLEEP_SPEED = 1e-5  # of √(gR): slower is at rest
 _OUTLINE_PLACES = 17  # on each half of the tube, the middle counted twice
+_GROUNDS = {"none": NO_GROUND, "plane": PLANE, "step": STEP, "pipe": PIPE}
+_HOLD = hold()
+_NO_ROWS = np.empty((0, ROW_SIZE))
 
 
 class RodTwin:
     """Reduced-order rod of a robot. Implements `sim.body.Twin`.
 
-    The robot starts straight, at rest, lying on the floor with chamber 0 (e1) to its left, tangent along x.
+    The robot starts straight, at rest, lying on the ground with chamber 0 (e1) to its left, tangent along x.
 
     modes: Legendre polynomials for each of the two bends and the twist, at least 1. contact_points: even, at least 4
-    and more than `modes`; the inertia is summed over the same points. step_s: step [s]. stretches: False keeps the
-    length (the rest stretch is then ignored; the bending stiffness is the one with the stretch relaxed either way).
+    and more than `modes`; the inertia is summed over the same points. step_s: longest step [s]. stretches: False keeps
+    the length (the rest stretch is then ignored; the bending stiffness is the one with the stretch relaxed either way).
+    symmetric: the tube is its own mirror image about x = 0, as it is whenever all that acts on it is: half of it is
+    computed. twists: False keeps the twist at zero. clamped: the middle is held where it starts (a symmetric clamped
+    tube is two cantilevers). tolerance: error of a step over the radius above which it is divided; 0: never.
     Raises InputError for values out of range.
     """
 
     def __init__(
-        self, body: Body, world: World, *, modes: int, contact_points: int, step_s: float, stretches: bool
+        self,
+        body: Body,
+        world: World,
+        *,
+        modes: int,
+        contact_points: int,
+        step_s: float,
+        stretches: bool,
+        symmetric: bool = False,
+        twists: bool = True,
+        clamped: bool = False,
+        tolerance: float = 0.0,
     ) -> None:
         if modes < 1:
             raise InputError(f"modes = {modes}: a rod bends in at least one")
@@ -50,47 +84,86 @@ class RodTwin:
             )
         if not (np.isfinite(step_s) and step_s > 0.0):
             raise InputError(f"step_s = {step_s:g}: must be positive")
-        self._body, self._modes, self._points = body, modes, contact_points
-        gravity = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2)
-        stiffness_1_s2 = gravity / (_CONTACT_SINK * body.radius_m)
-        viscous = world.friction_law == "viscous"
-        self._physics = Physics(
-            step_s=float(step_s),
-            radius_m=float(body.radius_m),
-            mass_kg=float(body.mass_kg),
-            gravity_m_s2=float(world.gravity_m_s2),
-            damping_time_s=float(body.damping_time_s),
-            touches=world.ground != "none",
-            stretches=bool(stretches),
-            viscous=viscous,
-            friction=float(world.friction * (body.length_m / body.mass_kg if viscous else 1.0)),
-            contact_stiffness_1_s2=float(stiffness_1_s2),
-            contact_damping_1_s=float(2.0 * _CONTACT_DAMPING_RATIO * np.sqrt(stiffness_1_s2)),
-            regular_speed=_REGULAR_SPEED,
-            least_speed_m_s=float(_LEAST_SPEED * np.sqrt(gravity * body.radius_m)),
+        self._body, self._modes, self._half = body, modes, contact_points // 2
+        columns = _columns(modes, stretches, symmetric, twists, clamped)
+        ground = _GROUNDS[world.ground]
+        layout = Layout(
+            modes=modes,
+            points=self._half if symmetric else contact_points,
+            half=self._half,
+            strains=3 * modes + int(stretches),
+            base=sum(1 for column in columns if column < 6),
+            columns=len(columns),
+            spots=SPOTS[ground],
+            resists=int(ground != NO_GROUND and world.rolling_resistance_N_m > 0.0),
         )
-        strains = 3 * modes + int(stretches)
-        memory = rod_memory(modes, contact_points, strains)
-        self._state, self._rule, self._work, _ = carve(memory, modes, contact_points, strains)
-        self._rod = (memory, modes, contact_points, strains, self._physics)
-        for table, values in zip(self._rule, rod_rule(body.length_m, body.mass_kg, modes, contact_points), strict=True):
+        self._layout = layout
+        self._physics = _physics(body, world, ground, layout, step_s, tolerance, symmetric, stretches)
+        self._memory = rod_memory(layout)
+        self._state, self._rule, self._work, _ = carve(self._memory, layout)
+        sides = layout.points // layout.half
+        rule = rod_rule(body.length_m, body.mass_kg, modes, layout.half, sides)
+        for table, values in zip(self._rule, rule, strict=True):
             table[...] = values
-        self._outline = rod_outline(body.length_m, contact_points, _OUTLINE_PLACES)
+        self._work.column[...] = columns
+        self._outline = rod_outline(body.length_m, self._half, _OUTLINE_PLACES)
         if world.ground != "none":
             self._state.position_m[2] = body.radius_m
         self._state.rotation[...] = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        self._state.flag[ADVICE], self._state.flag[KINKED] = step_s, -1.0
         if stretches:
-            self._state.strain[-1] = 1.0
+            self._state.strain[-1] = self._state.rest_strain[-1] = 1.0
+        self._row = np.zeros((1, ROW_SIZE))
         self.set_rest(np.array([1.0, 0.0, 0.0]), body.rest_stiffness())
+        self._find_natural_rates()
 
     @property
     def step_s(self) -> float:
-        """Step of the integration [s]."""
+        """Longest step of the integration [s]."""
         return self._physics.step_s
+
+    @property
+    def t_s(self) -> float:
+        """Time since the start [s]."""
+        return float(self._state.flag[TIME])
+
+    @property
+    def work_J(self) -> float:
+        """What the actuators have put in since the start [J], by changing the rest strains."""
+        return float(self._state.flag[WORK])
+
+    @property
+    def kinked_at_s(self) -> float | None:
+        """When the tube first bent beyond the stable branch of a section that ovalises [s]."""
+        return float(self._state.flag[KINKED]) if self._state.flag[KINKED] >= 0.0 else None
+
+    @property
+    def asleep(self) -> bool:
+        """Whether the robot rests and is left alone until something changes."""
+        return bool(self._state.flag[ASLEEP] > 0.0)
+
+    @property
+    def penetration_m(self) -> float:
+        """Deepest of the contact points in the ground now [m]."""
+        return float(self._look()[PENETRATION])
+
+    @property
+    def push_N(self) -> FloatArray:
+        """Outside forces on the points, world axes, shape (points, 3) [N]: a view to write into, held until changed.
+
+        Of a symmetric tube the points are those of one half, and a force on one acts on its mirror image as well, so
+        that half of it goes to each. Call `wake` after a change to a robot that may be asleep.
+        """
+        return self._state.push_N
+
+    def wake(self) -> None:
+        """Rouse a sleeping robot: something outside it has changed."""
+        self._state.flag[ASLEEP] = self._state.flag[RESTED] = 0.0
 
     def set_rest(self, strain: FloatArray, stiffness: FloatArray) -> None:
         """Rest strains (ℓ, k1, k2) and section stiffness (3, 3), held until the next call."""
-        length, modes, state = self._body.length_m, self._modes, self._state
+        length, state = self._body.length_m, self._state
+        before_J, was = self._elastic_energy_J(), (state.rest_strain.tobytes(), state.stiffness.tobytes())
         # with the stretch relaxed: the bending stiffness where the stretch is no coordinate of its own
         axial = stiffness[0, 0]
         k11 = stiffness[1, 1] - stiffness[1, 0] * stiffness[0, 1] / axial
@@ -98,7 +171,7 @@ class RodTwin:
         k22 = stiffness[2, 2] - stiffness[2, 0] * stiffness[0, 2] / axial
         twist = self._body.twisting_stiffness_N_m2
         matrix = state.stiffness
-        for m in range(modes):
+        for m in range(self._modes):
             # k towards the centre of curvature turns the tangent: w = t × k = (−k2, k1, ·)
             share = length / (2 * m + 1)  # ∫P_m² ds
             matrix[3 * m, 3 * m] = share * k22
@@ -113,6 +186,9 @@ class RodTwin:
             matrix[0, -1] = matrix[-1, 0] = -length * stiffness[2, 0]
             matrix[1, -1] = matrix[-1, 1] = length * stiffness[1, 0]
             state.rest_strain[-1] = strain[0]
+        if was != (state.rest_strain.tobytes(), state.stiffness.tobytes()):
+            state.flag[WORK] += self._elastic_energy_J() - before_J
+            self.wake()
 
     def step(self) -> None:
         """Advance by one step. Raises SimulationError when the state is no longer finite."""
@@ -123,10 +199,25 @@ class RodTwin:
 
         Raises SimulationError when the state is no longer finite.
         """
-        if count > 0 and not steps(count, *self._rod):
+        if count > 0:
+            self._play(_HOLD, 1, count, _NO_ROWS)
+
+    def play(self, drive: FloatArray, samples: int, steps: int) -> FloatArray:
+        """Advance by `samples` times `steps` steps, driven by `drive` (`sim.rod_drive.drive_array`).
+
+        Returns a row of `sim.motion_rows` after each sample, shape (samples, ROW_SIZE). Raises SimulationError when
+        the state is no longer finite.
+        """
+        rows = np.empty((samples, ROW_SIZE))
+        self._play(drive, samples, steps, rows)
+        return rows
+
+    def _play(self, drive: FloatArray, samples: int, steps: int, rows: FloatArray) -> None:
+        done = play(self._memory, self._layout, self._physics, drive, samples, steps, rows)
+        if done < samples:
             raise SimulationError(
-                "the rod twin left its range (a strain or a speed is not finite, or the tube shrank to nothing): "
-                "use a smaller step or a milder command"
+                f"the rod twin left its range at t = {self.t_s:.4g} s (a strain or a speed is not finite, or the tube "
+                "shrank to nothing): use a milder command or a heavier, softer or more damped robot"
             )
 
     def strain(self) -> FloatArray:
@@ -136,57 +227,132 @@ class RodTwin:
 
     def motion(self) -> Motion:
         """The robot now."""
-        state, work = self._state, self._work
-        steps(0, *self._rod)
-        arm, velocity = work.arm_m, state.velocity[:6] + work.vector[:6]
-        rows = INERTIA_ROWS * self._points
-        momentum = work.rows[:6, :rows] @ work.rate[:rows]
-        first, last = self._ends_from_middle()
-        chord = last - first
+        row = self._look()
         return Motion(
-            rotation=state.rotation.copy(),
-            angular_velocity_rad_s=velocity[3:],
-            mid_velocity_m_s=velocity[:3],
-            centre_of_mass_m=state.position_m + arm,
-            stretch=self._stretch(),
-            curvature_1_m=np.array([state.strain[1], -state.strain[0]]),
-            chord=chord / np.linalg.norm(chord),
-            angular_momentum_kg_m2_s=momentum[3:] - np.cross(arm, momentum[:3]),
+            rotation=row[ROTATION].reshape(3, 3).copy(),
+            angular_velocity_rad_s=row[ANGULAR_VELOCITY].copy(),
+            mid_velocity_m_s=row[VELOCITY].copy(),
+            centre_of_mass_m=row[CENTRE_OF_MASS].copy(),
+            stretch=float(row[STRETCH]),
+            curvature_1_m=row[CURVATURE].copy(),
+            chord=row[CHORD].copy(),
+            angular_momentum_kg_m2_s=row[ANGULAR_MOMENTUM].copy(),
         )
+
+    def row(self) -> FloatArray:
+        """The robot now as a row of `sim.motion_rows`, shape (ROW_SIZE,)."""
+        return self._look().copy()
+
+    def points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Contact points now: centre [m], velocity [m/s], angular velocity of the section [rad/s], each (points, 3)."""
+        self._look()
+        rate = self._work.rate / self._rule.root_mass
+        centre = self._state.position_m[:, None] + self._work.place_m
+        return centre.T.copy(), rate[:3].T.copy(), (rate[3:6] * (2.0 / self._physics.radius_m)).T.copy()
 
     def shape(self) -> tuple[FloatArray, FloatArray]:
         """Centre line (n, 3) [m] and section axis e1 (n, 3) along the robot now, equally spaced, ends included."""
-        state, half = self._state, self._points // 2
-        steps(0, *self._rod)
+        state, half = self._state, self._half
+        self._look()
         tangent, first_axis = self._stretch() * self._work.section[2], self._work.section[0]
-        ahead, behind = tangent[:, :half] @ self._outline.integral, -tangent[:, half:] @ self._outline.integral
+        ahead = tangent[:, :half] @ self._outline.integral
+        axis_ahead = first_axis[:, :half] @ self._outline.value
+        if self._layout.points == half:  # the other half mirrored about x = 0
+            mirror = np.array([[-1.0], [1.0], [1.0]])
+            behind, axis_behind = mirror * ahead, mirror * axis_ahead
+        else:
+            behind = -tangent[:, half:] @ self._outline.integral
+            axis_behind = first_axis[:, half:] @ self._outline.value
         points = state.position_m[:, None] + np.hstack([behind[:, :0:-1], ahead])
-        axes = np.hstack(
-            [
-                (first_axis[:, half:] @ self._outline.value)[:, :0:-1],
-                state.rotation[:, :1],
-                (first_axis[:, :half] @ self._outline.value)[:, 1:],
-            ]
-        )
+        axes = np.hstack([axis_behind[:, :0:-1], state.rotation[:, :1], axis_ahead[:, 1:]])
         return points.T.copy(), (axes / np.linalg.norm(axes, axis=0)).T.copy()
 
     def energy_J(self) -> float:
-        """Kinetic, elastic (against the rest strains) and gravitational energy [J], the floor's springs left out."""
-        motion = self.motion()
-        state, rows = self._state, INERTIA_ROWS * self._points
-        off_rest = state.strain - state.rest_strain
-        kinetic = 0.5 * float(self._work.rate[:rows] @ self._work.rate[:rows])
-        height_m = float(motion.centre_of_mass_m[2])
-        weight_N = self._body.mass_kg * self._physics.gravity_m_s2
-        return kinetic + 0.5 * float(off_rest @ state.stiffness @ off_rest) + weight_N * height_m
+        """Kinetic, elastic (against the rest strains) and gravitational energy [J], the ground's springs left out."""
+        return float(self._look()[ENERGY])
 
     def close(self) -> None:
         """Nothing to release."""
 
+    def _look(self) -> FloatArray:
+        play(self._memory, self._layout, self._physics, _HOLD, 1, 0, self._row)
+        return self._row[0]
+
     def _stretch(self) -> float:
         return float(self._state.strain[-1]) if self._physics.stretches else 1.0
 
-    def _ends_from_middle(self) -> tuple[FloatArray, FloatArray]:
-        half, to_end = self._points // 2, self._outline.integral[:, -1]
-        tangent = self._stretch() * self._work.section[2]
-        return -tangent[:, half:] @ to_end, tangent[:, :half] @ to_end
+    def _elastic_energy_J(self) -> float:
+        off = self._state.strain - self._state.rest_strain
+        return 0.5 * float(off @ self._state.stiffness @ off)
+
+    def _find_natural_rates(self) -> None:
+        """Square of the natural frequency of each coordinate alone, the base free to follow; of the base, the ground's."""
+        self._look()
+        columns, base = self._work.column.astype(int), self._layout.base
+        rows = self._work.rows.reshape(self._layout.columns, -1)
+        mass = rows @ rows.T
+        if base:
+            across = mass[base:, :base]
+            mass = mass[base:, base:] - across @ scipy.linalg.solve(mass[:base, :base], across.T, assume_a="pos")
+        rates = self._state.modal_rate_1_s2
+        for at, column in enumerate(columns[base:]):
+            rates[column] = self._state.stiffness[column - 6, column - 6] / max(mass[at, at], 1e-300)
+        if self._layout.modes and not self._physics.mirrored or base:
+            rates[6] = rates[7] = max(rates[6], rates[7])
+        if self._physics.ground != NO_GROUND:
+            rates[:6] = self._physics.contact_stiffness_1_s2
+
+
+def _columns(modes: int, stretches: bool, symmetric: bool, twists: bool, clamped: bool) -> list[int]:
+    """Coordinates that move: of the base (0 … 5), three of each mode, the stretch."""
+    base = [] if clamped else [1, 2, 3] if symmetric else list(range(6))
+    strains = []
+    for m in range(modes):
+        for axis in range(3):
+            bends = axis < 2
+            if not bends and not twists:
+                continue
+            if symmetric and bends != (m % 2 == 0):  # a mirror image bends evenly and twists oddly
+                continue
+            strains.append(6 + 3 * m + axis)
+    return base + strains + ([6 + 3 * modes] if stretches else [])
+
+
+def _physics(
+    body: Body,
+    world: World,
+    ground: int,
+    layout: Layout,
+    step_s: float,
+    tolerance: float,
+    symmetric: bool,
+    stretches: bool,
+) -> Physics:
+    gravity = world.gravity_vector_m_s2
+    stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (_CONTACT_SINK * body.radius_m)
+    viscous = world.friction_law == "viscous"
+    return Physics(
+        step_s=float(step_s),
+        tolerance=float(tolerance),
+        radius_m=float(body.radius_m),
+        length_m=float(body.length_m),
+        mass_kg=float(body.mass_kg),
+        gravity_x_m_s2=float(gravity[0]),
+        gravity_y_m_s2=float(gravity[1]),
+        gravity_z_m_s2=float(gravity[2]),
+        damping_time_s=float(body.damping_time_s),
+        bending_N_m2=float(body.bending_stiffness_N_m2),
+        softening_m2=float(body.ovalisation_m2),
+        mirrored=bool(symmetric),
+        stretches=bool(stretches),
+        viscous=viscous,
+        ground=ground,
+        ground_a_m=float(world.pipe_radius_m if ground == PIPE else world.step_height_m),
+        ground_b_m=float(world.step_distance_m),
+        grain=1 if ground == PIPE and world.pipe_axis == "across" else 0,
+        friction=float(world.friction * (body.length_m / body.mass_kg if viscous else 1.0)),
+        resistance_m2_s2=float(world.rolling_resistance_N_m / body.mass_kg) if layout.resists else 0.0,
+        contact_stiffness_1_s2=float(stiffness_1_s2),
+        contact_damping_1_s=float(2.0 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_1_s2)),
+        sleep_speed_m_s=float(_SLEEP_SPEED * math.sqrt(max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) * body.radius_m)),
+    )

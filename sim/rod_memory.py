@@ -1,6 +1,8 @@
 """The rod twin's memory: state, tables and scratch of one rod as views of a single array.
 
-A compiled function takes one array in a microsecond and thirty of them in twenty.
+A compiled function takes one array in a microsecond and thirty of them in twenty. Coordinates are kept whole (six of
+the base, three of each mode, the stretch where there is one), whichever of them a scene leaves to move: those are the
+columns of the equations, listed in `Layout`.
 """
 
 from __future__ import annotations
@@ -16,33 +18,67 @@ from sim.rod_rule import Rule
 FloatArray = NDArray[np.float64]
 
 INERTIA_ROWS, CONTACT_ROWS = 7, 3
-ROWS = INERTIA_ROWS + CONTACT_ROWS
 _LANE = 8  # every array starts on a multiple of this
+DRIVE_SIZE = 16
+
+
+class Layout(NamedTuple):
+    """Sizes of a rod: what its arrays are shaped by."""
+
+    modes: int
+    points: int
+    """Looked at: both halves, or one of a tube that mirrors itself."""
+    half: int
+    """Points on a half."""
+    strains: int
+    """Strain coordinates: three a mode, and the stretch where there is one."""
+    base: int
+    """Columns of the base: 6; 3 of a tube that mirrors itself; 0 of a clamped one."""
+    columns: int
+    """Coordinates that move."""
+    spots: int
+    """Contacts that one point may have at once."""
+    resists: int
+    """1 where rolling is resisted, else 0."""
 
 
 class Physics(NamedTuple):
     """The constants of a scene. Contact constants are per unit mass of the tube."""
 
     step_s: float
+    tolerance: float
     radius_m: float
+    length_m: float
     mass_kg: float
-    gravity_m_s2: float
+    gravity_x_m_s2: float
+    gravity_y_m_s2: float
+    gravity_z_m_s2: float
     damping_time_s: float
-    touches: bool
+    bending_N_m2: float
+    softening_m2: float
+    """a of the bending moment EI(κ − aκ³)."""
+    mirrored: bool
     stretches: bool
     viscous: bool
+    ground: int
+    """Shape of the ground, as `sim.rod_ground` numbers them."""
+    ground_a_m: float
+    ground_b_m: float
+    """What that shape needs."""
+    grain: int
+    """Axis along which the ground is straight: 0 or 1."""
     friction: float
     """Coefficient, or with `viscous` the drag over the mass per length [1/s]."""
+    resistance_m2_s2: float
+    """Moment that resists rolling over the mass."""
     contact_stiffness_1_s2: float
     contact_damping_1_s: float
-    regular_speed: float
-    """Regularising speed of Coulomb friction over the rolling speed."""
-    least_speed_m_s: float
-    """Its floor."""
+    sleep_speed_m_s: float
 
 
 class State(NamedTuple):
-    """What a step changes, and the rest strains it is driven by. n: points, s: strain coordinates."""
+    """What a step changes, and the rest strains it is driven by. n points, s strain coordinates, c
+    contacts of a point."""
 
     position_m: FloatArray
     """Middle, shape (3,)."""
@@ -53,25 +89,41 @@ class State(NamedTuple):
     velocity: FloatArray
     """Of the middle, world axes; angular, world axes; of the strains; shape (6 + s,)."""
     load_m_s2: FloatArray
-    """Normal contact force over mass of each point, shape (n,)."""
+    """Normal contact force over mass of each contact, shape (c, n)."""
+    bristle_m: FloatArray
+    """Elastic part of each contact's sliding, along the grain and across, shape (2, c, n)."""
+    roll_bristle: FloatArray
+    """Elastic part of each point's rolling, shape (n,) [rad]."""
     momentum: FloatArray
     """Linear, and angular about the centre of mass, world axes, shape (6,)."""
-    aloft: FloatArray
-    """1 when nothing touched in the last step, else 0, shape (1,)."""
+    flag: FloatArray
+    """0: 1 when nothing touched in the last step; 1: seconds at rest; 2: time [s]; 3: actuators' work [J]; 4: step that
+    the last one left as advice [s]; 5: time of the first kink [s], or −1; 6: steps taken; 7: 1 while asleep;
+    8: solves of the equations; shape (9,).
+    """
     rest_strain: FloatArray
     """Shape (s,)."""
+    lagged_1_m: FloatArray
+    """Curvature that a lagging drive has reached, body frame, shape (2,)."""
     stiffness: FloatArray
     """∂²(elastic energy)/∂strain², shape (s, s)."""
+    modal_rate_1_s2: FloatArray
+    """Square of the natural frequency of each coordinate by itself, shape (6 + s,)."""
+    push_N: FloatArray
+    """Outside forces on the points, world axes, shape (n, 3)."""
+    gain: FloatArray
+    """Velocity gained in the last step over its length, for the error of the next, shape (columns,)."""
 
 
 class Work(NamedTuple):
-    """Scratch of a step; after `observe` it holds the placed rod. n points, m modes, s strains, d = 6 + s."""
+    """Scratch of a step. n points, m modes, s strains, d columns, c contacts of a point."""
 
+    column: FloatArray
+    """Coordinate of each column, as a number of `velocity`, shape (d,)."""
     strain: FloatArray
     """Strains the rod is placed with, shape (s,)."""
     rotation: FloatArray
     """And its mid cross-section, shape (3, 3)."""
-
     section: FloatArray
     """Column c of Q at the points, component k, shape (3, 3, n)."""
     place_m: FloatArray
@@ -79,25 +131,49 @@ class Work(NamedTuple):
     cross: FloatArray
     """r × those columns, shape (3, 3, n)."""
     density: FloatArray
-    """Integrands of A and B, shape (2, m, 3, 3, n)."""
+    """Integrands of A and B of each strain column, shape (d, 2, 3, n)."""
     swept: FloatArray
-    """A and B, shape (2, m, 3, 3, n)."""
+    """A and B, shape (d, 2, 3, n)."""
     rows: FloatArray
-    """G, shape (d, 10 n): rows of inertia, then of contact."""
+    """G, shape (d, 7, n)."""
     rate: FloatArray
-    """G u, then the right side's rows, shape (10 n)."""
+    """G u, shape (7, n)."""
+    foretold: FloatArray
+    """G u at the middle of the step as the last step foretells it, shape (7, n)."""
+    ahead: FloatArray
+    """G u + (1 − θ) h b: what moves on steadily has at the end of the step, shape (7, n)."""
+    change: FloatArray
+    """G Δ, shape (7, n)."""
+    bias: FloatArray
+    """Right side of the inertia rows: −h b and outside forces, shape (7, n)."""
+    contact: FloatArray
+    """Rows of contact: three of each contact, one of rolling where it is resisted, shape (d, lines, n)."""
+    drive: FloatArray
+    """Their right side, shape (lines, n)."""
+    ends: FloatArray
+    """Load, sliding along the grain and across at the end of the step, share of sticking asked for, shape (4, n)."""
     triple: FloatArray
     """Vectors along the tube, shape (4, 3, n)."""
     arm_m: FloatArray
     """Centre of mass from the middle, shape (3,)."""
     gap_m: FloatArray
-    """Of each point above the floor, shape (n,)."""
+    """Of each contact at the end of the step if it moves on as it does, shape (c, n)."""
+    normal: FloatArray
+    """Of the ground at each contact, along a and z, shape (2, c, n)."""
+    approach: FloatArray
+    """Velocity of each contact if it moves on: normal, along the grain, across, shape (3, c, n)."""
     grip: FloatArray
-    """Roots of the normal and the sliding damper of each point, shape (2, n)."""
+    """Of each contact: 1 while it carries load; share of sticking; the same for rolling; shape (3, c, n)."""
+    inertia: FloatArray
+    """GᵀG of the inertia rows, shape (d, d)."""
     matrix: FloatArray
     """Shape (d, d)."""
     vector: FloatArray
     """Shape (d,)."""
+    mean: FloatArray
+    """Velocity that moves the rod in the step, all coordinates, shape (6 + s,)."""
+    theta: FloatArray
+    """Weight of the step's end of each coordinate, shape (6 + s,), and the step it was made for."""
 
 
 @register_jitable
@@ -106,22 +182,36 @@ def _line(memory: FloatArray, at: int, size: int) -> tuple[FloatArray, int]:
 
 
 @register_jitable
-def carve(memory: FloatArray, modes: int, points: int, strains: int) -> tuple[State, Rule, Work, int]:
+def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Work, int]:
     """The views of a rod's memory, and the length used."""
-    size, half, at = 6 + strains, points // 2, 0
+    modes, points, half, strains = layout.modes, layout.points, layout.half, layout.strains
+    columns = layout.columns
+    spots = layout.spots
+    contacts = spots * points
+    size, at = 6 + strains, 0
     pairs = modes * (modes - 1) // 2
     position_m, at = _line(memory, at, 3)
     flat, at = _line(memory, at, 3 * 3)
     rotation = flat.reshape(3, 3)
     strain, at = _line(memory, at, strains)
     velocity, at = _line(memory, at, size)
-    load_m_s2, at = _line(memory, at, points)
+    flat, at = _line(memory, at, contacts)
+    load_m_s2 = flat.reshape(spots, points)
+    flat, at = _line(memory, at, 2 * contacts)
+    bristle_m = flat.reshape(2, spots, points)
+    roll_bristle, at = _line(memory, at, points)
     momentum, at = _line(memory, at, 6)
-    aloft, at = _line(memory, at, 1)
+    flag, at = _line(memory, at, 9)
     rest_strain, at = _line(memory, at, strains)
+    lagged_1_m, at = _line(memory, at, 2)
     flat, at = _line(memory, at, strains * strains)
     stiffness = flat.reshape(strains, strains)
+    modal_rate_1_s2, at = _line(memory, at, size)
+    flat, at = _line(memory, at, points * 3)
+    push_N = flat.reshape(points, 3)
+    gain, at = _line(memory, at, columns)
     root_mass, at = _line(memory, at, points)
+    inverse_root, at = _line(memory, at, points)
     outward, at = _line(memory, at, points)
     flat, at = _line(memory, at, modes * points)
     mode = flat.reshape(modes, points)
@@ -131,6 +221,7 @@ def carve(memory: FloatArray, modes: int, points: int, strains: int) -> tuple[St
     turn = flat.reshape(points, modes)
     flat, at = _line(memory, at, points * pairs)
     turn_pair = flat.reshape(points, pairs)
+    column, at = _line(memory, at, columns)
     strain_, at = _line(memory, at, strains)
     flat, at = _line(memory, at, 3 * 3)
     rotation_ = flat.reshape(3, 3)
@@ -140,45 +231,61 @@ def carve(memory: FloatArray, modes: int, points: int, strains: int) -> tuple[St
     place_m = flat.reshape(3, points)
     flat, at = _line(memory, at, 3 * 3 * points)
     cross = flat.reshape(3, 3, points)
-    flat, at = _line(memory, at, 2 * modes * 3 * 3 * points)
-    density = flat.reshape(2, modes, 3, 3, points)
-    flat, at = _line(memory, at, 2 * modes * 3 * 3 * points)
-    swept = flat.reshape(2, modes, 3, 3, points)
-    flat, at = _line(memory, at, size * (ROWS * points))
-    rows = flat.reshape(size, ROWS * points)
-    rate, at = _line(memory, at, ROWS * points)
+    flat, at = _line(memory, at, columns * 6 * points)
+    density = flat.reshape(columns, 2, 3, points)
+    flat, at = _line(memory, at, columns * 6 * points)
+    swept = flat.reshape(columns, 2, 3, points)
+    flat, at = _line(memory, at, columns * INERTIA_ROWS * points)
+    rows = flat.reshape(columns, INERTIA_ROWS, points)
+    flat, at = _line(memory, at, INERTIA_ROWS * points)
+    rate = flat.reshape(INERTIA_ROWS, points)
+    flat, at = _line(memory, at, INERTIA_ROWS * points)
+    foretold = flat.reshape(INERTIA_ROWS, points)
+    flat, at = _line(memory, at, INERTIA_ROWS * points)
+    ahead = flat.reshape(INERTIA_ROWS, points)
+    flat, at = _line(memory, at, INERTIA_ROWS * points)
+    change = flat.reshape(INERTIA_ROWS, points)
+    flat, at = _line(memory, at, INERTIA_ROWS * points)
+    bias = flat.reshape(INERTIA_ROWS, points)
+    lines = CONTACT_ROWS * spots + layout.resists
+    flat, at = _line(memory, at, columns * lines * points)
+    contact = flat.reshape(columns, lines, points)
+    flat, at = _line(memory, at, lines * points)
+    drive = flat.reshape(lines, points)
+    flat, at = _line(memory, at, 4 * points)
+    ends = flat.reshape(4, points)
     flat, at = _line(memory, at, 4 * 3 * points)
     triple = flat.reshape(4, 3, points)
     arm_m, at = _line(memory, at, 3)
-    gap_m, at = _line(memory, at, points)
-    flat, at = _line(memory, at, 2 * points)
-    grip = flat.reshape(2, points)
-    flat, at = _line(memory, at, size * size)
-    matrix = flat.reshape(size, size)
-    vector, at = _line(memory, at, size)
-    state = State(position_m, rotation, strain, velocity, load_m_s2, momentum, aloft, rest_strain, stiffness)
-    rule = Rule(root_mass, outward, mode, integral, turn, turn_pair)
+    flat, at = _line(memory, at, contacts)
+    gap_m = flat.reshape(spots, points)
+    flat, at = _line(memory, at, 2 * contacts)
+    normal = flat.reshape(2, spots, points)
+    flat, at = _line(memory, at, 3 * contacts)
+    approach = flat.reshape(3, spots, points)
+    flat, at = _line(memory, at, 3 * contacts)
+    grip = flat.reshape(3, spots, points)
+    flat, at = _line(memory, at, columns * columns)
+    inertia = flat.reshape(columns, columns)
+    flat, at = _line(memory, at, columns * columns)
+    matrix = flat.reshape(columns, columns)
+    vector, at = _line(memory, at, columns)
+    mean, at = _line(memory, at, size)
+    theta, at = _line(memory, at, size + 1)
+    state = State(
+        position_m, rotation, strain, velocity, load_m_s2, bristle_m, roll_bristle, momentum, flag, rest_strain,
+        lagged_1_m, stiffness, modal_rate_1_s2, push_N, gain,
+    )  # fmt: skip
+    rule = Rule(root_mass, inverse_root, outward, mode, integral, turn, turn_pair)
     work = Work(
-        strain_,
-        rotation_,
-        section,
-        place_m,
-        cross,
-        density,
-        swept,
-        rows,
-        rate,
-        triple,
-        arm_m,
-        gap_m,
-        grip,
-        matrix,
-        vector,
-    )
+        column, strain_, rotation_, section, place_m, cross, density, swept, rows, rate, foretold, ahead, change, bias, contact, drive, ends,
+        triple, arm_m, gap_m, normal, approach, grip, inertia, matrix, vector, mean, theta,
+    )  # fmt: skip
     return state, rule, work, at
 
 
-def rod_memory(modes: int, points: int, strains: int) -> FloatArray:
+def rod_memory(layout: Layout) -> FloatArray:
     """Zeroed memory of the right length for a rod."""
-    enough = np.zeros(100 * (points + 1) * (modes + 10) + (16 * points + strains + 6) * (strains + 6))
-    return np.zeros(carve(enough, modes, points, strains)[3])
+    modes, points, size = layout.modes, layout.points, 6 + layout.strains
+    enough = np.zeros(200 * (points + 1) * (modes + 10) + (30 * points + 4 * size + 40) * (size + 6) * layout.spots)
+    return np.zeros(carve(enough, layout)[3])

@@ -1,8 +1,8 @@
 """Quadrature tables of the rod twin: where the tube is looked at, and how to integrate along it.
 
-The tube is looked at in n points, the n/2 Gauss-Legendre points of each half, numbered outwards from the middle: first
-the half towards the last end (s > 0), then the half towards the first end (s < 0). All integrals along the tube start
-at its middle. Strains are sums of Legendre polynomials P_m(2 s/L), m = 0, 1, …
+Each half of the tube is looked at in its h Gauss-Legendre points, numbered outwards from the middle: first the half
+towards the last end (s > 0), then, unless the tube is its own mirror image, the half towards the first end (s < 0). All
+integrals along the tube start at its middle. Strains are sums of Legendre polynomials P_m(2 s/L), m = 0, 1, …
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ FloatArray = NDArray[np.float64]
 
 
 class Rule(NamedTuple):
-    """Tables for n points, h = n/2 of them on each half, and `modes` Legendre polynomials."""
+    """Tables for n points, h of them on each half that is looked at, and `modes` Legendre polynomials."""
 
     root_mass: FloatArray
-    """√(mass that a point stands for), shape (n,) [√kg]."""
+    """√(mass that a point stands for), shape (n,) [√kg]: together the whole tube's, mirrored half included."""
+    inverse_root: FloatArray
+    """1/√(that mass), shape (n,)."""
     outward: FloatArray
     """+1 on the half s > 0, −1 on the other: what ds is when one goes outwards, shape (n,)."""
     mode: FloatArray
@@ -53,17 +55,17 @@ def _integrals_to(reach: FloatArray, half: int) -> FloatArray:
     return integrals
 
 
-def rod_rule(length_m: float, mass_kg: float, modes: int, points: int) -> Rule:
-    """The tables of a uniform tube. points: even, at least 4."""
-    half = points // 2
+def rod_rule(length_m: float, mass_kg: float, modes: int, half: int, sides: int) -> Rule:
+    """The tables of a uniform tube. half: points on each half; sides: 2, or 1 for a tube that mirrors itself."""
     nodes, weights = _half_points(half)
     arm = 0.5 * length_m
-    position = np.concatenate([nodes, -nodes])  # s/(L/2)
-    outward = np.repeat([1.0, -1.0], half)
-    mass = np.tile(weights, 2) * 0.5 * mass_kg
+    position = np.concatenate([nodes, -nodes][:sides])  # s/(L/2)
+    outward = np.repeat([1.0, -1.0][:sides], half)
+    mass = np.tile(weights, sides) * mass_kg / sides
     turn, turn_pair = _turns(position, half, modes)
     return Rule(
         root_mass=np.sqrt(mass),
+        inverse_root=1.0 / np.sqrt(mass),
         outward=outward,
         mode=np.ascontiguousarray(legendre.legvander(position, modes - 1).T * outward),
         integral=np.ascontiguousarray(arm * _integrals_to(nodes, half)),
@@ -95,9 +97,8 @@ class Outline(NamedTuple):
     """The value itself, shape (h, n)."""
 
 
-def rod_outline(length_m: float, points: int, places: int) -> Outline:
+def rod_outline(length_m: float, half: int, places: int) -> Outline:
     """Tables for `places` equally spaced places on each half, the middle and the end included."""
-    half = points // 2
     nodes, _ = legendre.leggauss(half)
     reach = np.linspace(0.0, 1.0, places)
     coefficients = np.linalg.inv(legendre.legvander(nodes, half - 1))
