@@ -1,4 +1,4 @@
-"""Rod twin: the robot as a Kirchhoff rod of a few Legendre modes on the ground, made for speed.
+"""Rod twin: the robot as a Kirchhoff rod of a few bending modes on the ground, made for speed.
 
 Six unknowns of the base and three of each mode (fewer where a scene allows), one small Cholesky a step, all compiled
 (`sim.rod_kernel`, where the model and its equations are). The stretch, where the robot has any, is one uniform
@@ -33,12 +33,13 @@ from sim.rod_drive import hold
 from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
 from sim.rod_kernel import ADVICE, ASLEEP, KINKED, RESTED, TIME, WORK, play
 from sim.rod_memory import Layout, Physics, carve, rod_memory
-from sim.rod_rule import rod_outline, rod_rule
+from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
 from softbot.errors import InputError, SimulationError
 
 FloatArray = NDArray[np.float64]
 
-_CONTACT_SINK = 0.01  # static penetration under an even load over the radius
+# static penetration under an even load over the radius; where few points may carry the robot, stiffer
+_CONTACT_SINK = {NO_GROUND: 0.01, PLANE: 0.01, STEP: 0.001, PIPE: 0.001}
 _CONTACT_DAMPING_RATIO = 1.0
 _LEAST_GRAVITY_M_S2 = 1.0  # for the ground's stiffness, where there is less or none
 _SLEEP_SPEED = 1e-5  # of √(gR): slower is at rest
@@ -53,9 +54,10 @@ class RodTwin:
 
     The robot starts straight, at rest, lying on the ground with chamber 0 (e1) to its left, tangent along x.
 
-    modes: Legendre polynomials for each of the two bends and the twist, at least 1. contact_points: even, at least 4
-    and more than `modes`; the inertia is summed over the same points. step_s: longest step [s]. stretches: False keeps
-    the length (the rest stretch is then ignored; the bending stiffness is the one with the stretch relaxed either way).
+    modes: shape functions (`sim.rod_rule`) for each of the two bends and the twist, at least 1. contact_points: even,
+    at least 4 and more than `modes`; the inertia is summed over the same points. step_s: longest step [s]. stretches:
+    False keeps the length (the rest stretch is then ignored; the bending stiffness is the one with the stretch relaxed
+    either way).
     symmetric: the tube is its own mirror image about x = 0, as it is whenever all that acts on it is: half of it is
     computed. twists: False keeps the twist at zero. clamped: the middle is held where it starts (a symmetric clamped
     tube is two cantilevers). tolerance: error of a step over the radius above which it is divided; 0: never.
@@ -100,12 +102,13 @@ class RodTwin:
         self._layout = layout
         self._physics = _physics(body, world, ground, layout, step_s, tolerance, symmetric, stretches)
         self._memory = rod_memory(layout)
-        self._state, self._rule, self._work, _ = carve(self._memory, layout)
+        self._state, self._rule, self._contacts, self._work, _ = carve(self._memory, layout)
         sides = layout.points // layout.half
-        rule = rod_rule(body.length_m, body.mass_kg, modes, layout.half, sides)
+        rule = rod_rule(body.length_m, body.mass_kg, modes, layout.half, sides, symmetric and clamped)
         for table, values in zip(self._rule, rule, strict=True):
             table[...] = values
         self._work.column[...] = columns
+        self._shares = mode_shares(modes, symmetric and clamped)
         self._outline = rod_outline(body.length_m, self._half, _OUTLINE_PLACES)
         if world.ground != "none":
             self._state.position_m[2] = body.radius_m
@@ -156,6 +159,11 @@ class RodTwin:
         """
         return self._state.push_N
 
+    @property
+    def push_N_m(self) -> FloatArray:
+        """Outside moments on the sections at the points, world axes, shape (points, 3) [N m]: a view like `push_N`."""
+        return self._state.push_N_m
+
     def wake(self) -> None:
         """Rouse a sleeping robot: something outside it has changed."""
         self._state.flag[ASLEEP] = self._state.flag[RESTED] = 0.0
@@ -173,7 +181,7 @@ class RodTwin:
         matrix = state.stiffness
         for m in range(self._modes):
             # k towards the centre of curvature turns the tangent: w = t × k = (−k2, k1, ·)
-            share = length / (2 * m + 1)  # ∫P_m² ds
+            share = length * self._shares[m]
             matrix[3 * m, 3 * m] = share * k22
             matrix[3 * m + 1, 3 * m + 1] = share * k11
             matrix[3 * m, 3 * m + 1] = matrix[3 * m + 1, 3 * m] = -share * k12
@@ -286,7 +294,7 @@ class RodTwin:
         return 0.5 * float(off @ self._state.stiffness @ off)
 
     def _find_natural_rates(self) -> None:
-        """Square of the natural frequency of each coordinate alone, the base free to follow; of the base, the ground's."""
+        """Square of each coordinate's natural frequency alone, the base free to follow; of the base, the ground's."""
         self._look()
         columns, base = self._work.column.astype(int), self._layout.base
         rows = self._work.rows.reshape(self._layout.columns, -1)
@@ -297,8 +305,7 @@ class RodTwin:
         rates = self._state.modal_rate_1_s2
         for at, column in enumerate(columns[base:]):
             rates[column] = self._state.stiffness[column - 6, column - 6] / max(mass[at, at], 1e-300)
-        if self._layout.modes and not self._physics.mirrored or base:
-            rates[6] = rates[7] = max(rates[6], rates[7])
+        rates[6] = rates[7] = max(rates[6], rates[7])  # one plane bends as the other
         if self._physics.ground != NO_GROUND:
             rates[:6] = self._physics.contact_stiffness_1_s2
 
@@ -312,7 +319,7 @@ def _columns(modes: int, stretches: bool, symmetric: bool, twists: bool, clamped
             bends = axis < 2
             if not bends and not twists:
                 continue
-            if symmetric and bends != (m % 2 == 0):  # a mirror image bends evenly and twists oddly
+            if symmetric and not clamped and bends != is_even(m):  # a mirror image bends evenly and twists oddly
                 continue
             strains.append(6 + 3 * m + axis)
     return base + strains + ([6 + 3 * modes] if stretches else [])
@@ -329,7 +336,7 @@ def _physics(
     stretches: bool,
 ) -> Physics:
     gravity = world.gravity_vector_m_s2
-    stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (_CONTACT_SINK * body.radius_m)
+    stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (_CONTACT_SINK[ground] * body.radius_m)
     viscous = world.friction_law == "viscous"
     return Physics(
         step_s=float(step_s),

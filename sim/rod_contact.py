@@ -16,11 +16,13 @@ contacts carry load and their s: from what the last step foretells, and once mor
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim.rod_compile import inner
 from sim.rod_ground import PLANE, profile_gap
-from sim.rod_memory import Layout, Physics, State, Work
-from sim.rod_rule import Rule
+from sim.rod_memory import Contacts, Physics
+
+FloatArray = NDArray[np.float64]
 
 _NEAR = 0.05  # of the radius: viscous friction acts below this gap
 _ROLL_BRISTLE = 0.01  # rad: rolling gives way elastically by this much before it starts
@@ -30,82 +32,9 @@ _LEAST_GRAVITY_M_S2 = 1.0
 
 
 @inner
-def _hand(physics: Physics) -> float:
+def _hand(grain: int) -> float:
     """n × grain has this times (n_z, −n_a) along a and z."""
-    return 1.0 if physics.grain == 0 else -1.0
-
-
-@inner
-def find_contacts(h: float, state: State, physics: Physics, rule: Rule, work: Work, layout: Layout) -> bool:
-    """Gaps, normals and velocities of the contacts, and which of them will carry load. False: none."""
-    n, grain = layout.points, physics.grain
-    across, hand = 1 - grain, _hand(physics)
-    theta, k, c = work.theta[0], physics.contact_stiffness_1_s2, physics.contact_damping_1_s
-    middle_a = state.position_m[across] + 0.5 * h * state.velocity[across]
-    middle_z = state.position_m[2] + 0.5 * h * state.velocity[2]
-    along_a, along_z, less = work.place_m[across], work.place_m[2], rule.inverse_root
-    fall_a = physics.gravity_y_m_s2 if grain == 0 else physics.gravity_x_m_s2
-    fall_z = physics.gravity_z_m_s2
-    touching = 0.0
-    for spot in range(layout.spots):
-        gap, na, nz = work.gap_m[spot], work.normal[0, spot], work.normal[1, spot]
-        if physics.ground == PLANE:
-            for i in range(n):
-                gap[i] = middle_z + along_z[i] - physics.radius_m
-                na[i] = 0.0
-                nz[i] = 1.0
-        else:
-            for i in range(n):
-                gap[i], na[i], nz[i] = profile_gap(
-                    physics.ground,
-                    physics.ground_a_m,
-                    physics.ground_b_m,
-                    spot,
-                    middle_a + along_a[i],
-                    middle_z + along_z[i],
-                    physics.radius_m,
-                )
-        # the rod is placed half a step on: from there back to the step's start, and on to its end as it moves now
-        va, vz = work.rate[across], work.rate[2]
-        end_a, end_z = work.ahead[across], work.ahead[2]
-        push_a, push_z = work.bias[across], work.bias[2]
-        speed, carries = work.approach[0, spot], work.grip[0, spot]
-        for i in range(n):
-            now = (na[i] * va[i] + nz[i] * vz[i]) * less[i]
-            curved = (na[i] * push_a[i] + nz[i] * push_z[i]) * less[i] - h * (na[i] * fall_a + nz[i] * fall_z)
-            gap[i] += 0.5 * h * now - 0.125 * h * curved
-            speed[i] = (na[i] * end_a[i] + nz[i] * end_z[i]) * less[i]
-        for i in range(n):
-            falling = h * (na[i] * fall_a + nz[i] * fall_z)
-            load = -k * (gap[i] + h * theta * falling) - c * (speed[i] + falling)
-            carries[i] = 1.0 if load > 0.0 else 0.0
-            touching += carries[i]
-        end_g, turn_a, turn_z, turn_g = work.ahead[grain], work.ahead[3 + across], work.ahead[5], work.ahead[3 + grain]
-        along, sideways = work.approach[1, spot], work.approach[2, spot]
-        for i in range(n):  # rows carry √µ v and √µ(R/2) ω
-            along[i] = less[i] * (end_g[i] - 2.0 * hand * (nz[i] * turn_a[i] - na[i] * turn_z[i]))
-        for i in range(n):
-            sideways[i] = less[i] * (hand * (nz[i] * end_a[i] - na[i] * end_z[i]) + 2.0 * turn_g[i])
-        if physics.viscous:
-            for i in range(n):
-                if gap[i] < _NEAR * physics.radius_m:
-                    touching += 1.0
-        else:
-            bristle_a, bristle_b = state.bristle_m[0, spot], state.bristle_m[1, spot]
-            load_, share = state.load_m_s2[spot], work.grip[1, spot]
-            for i in range(n):
-                p = k * bristle_a[i] + (h * k + c) * along[i]
-                q = k * bristle_b[i] + (h * k + c) * sideways[i]
-                size, limit = np.sqrt(p * p + q * q), physics.friction * load_[i]
-                share[i] = 1.0 if size <= limit else limit / size
-    if layout.resists:
-        stiffness, damping = _roll_stiffness(physics)
-        for i in range(n):
-            rolling = work.ahead[6, i] * 2.0 * less[i] / physics.radius_m
-            size = abs(stiffness * state.roll_bristle[i] + (h * stiffness + damping) * rolling)
-            limit = physics.resistance_m2_s2 if state.load_m_s2[0, i] > 0.0 else 0.0
-            work.grip[2, 0, i] = 1.0 if size <= limit else limit / size
-    return touching > 0.0
+    return 1.0 if grain == 0 else -1.0
 
 
 @inner
@@ -115,104 +44,199 @@ def _roll_stiffness(physics: Physics) -> tuple[float, float]:
 
 
 @inner
-def contact_rows(h: float, state: State, physics: Physics, rule: Rule, work: Work, layout: Layout) -> None:
-    """Rows of the contacts that `grip` names, and their right side."""
-    n, grain = layout.points, physics.grain
-    across, hand = 1 - grain, _hand(physics)
+def _share(
+    reach_s: float, limit: float, k: float, c: float, bristle: FloatArray, along: FloatArray, sideways: FloatArray,
+    load: FloatArray, share: FloatArray,
+) -> None:  # fmt: skip
+    """share ← of sticking at which friction stays within `limit` times the load. reach_s: the step."""
+    first, second = bristle[0], bristle[1]
+    for i in range(load.shape[0]):
+        p = k * first[i] + (reach_s * k + c) * along[i]
+        q = k * second[i] + (reach_s * k + c) * sideways[i]
+        size, most = np.sqrt(p * p + q * q), limit * max(load[i], 0.0)
+        share[i] = 1.0 if size <= most else most / size
+
+
+@inner
+def find_contacts(
+    h: float, theta: float, position: FloatArray, velocity: FloatArray, physics: Physics, contacts: Contacts,
+    place_m: FloatArray, inverse_root: FloatArray, rate: FloatArray, foretold: FloatArray, ahead: FloatArray,
+    bias: FloatArray,
+) -> bool:  # fmt: skip
+    """Gaps, normals and velocities of the contacts, and which of them will carry load. False: none.
+
+    rate, foretold, ahead, bias: G u, the same at the middle of the step as the last step foretells it, what moves on
+    steadily has at the end, and the right side of the inertia rows.
+    """
+    grain = physics.grain
+    across, hand, n = 1 - grain, _hand(grain), rate.shape[1]
+    k, c, near = physics.contact_stiffness_1_s2, physics.contact_damping_1_s, _NEAR * physics.radius_m
+    middle_a = position[across] + 0.5 * h * velocity[across]
+    middle_z = position[2] + 0.5 * h * velocity[2]
+    along_a, along_z = place_m[across], place_m[2]
+    fall_a = physics.gravity_y_m_s2 if grain == 0 else physics.gravity_x_m_s2
+    fall_z = physics.gravity_z_m_s2
+    touching = 0.0
+    for spot in range(contacts.gap_m.shape[0]):
+        gap, na, nz = contacts.gap_m[spot], contacts.normal[0, spot], contacts.normal[1, spot]
+        if physics.ground == PLANE:
+            for i in range(n):
+                gap[i] = middle_z + along_z[i] - physics.radius_m
+                na[i] = 0.0
+                nz[i] = 1.0
+        else:
+            for i in range(n):
+                gap[i], na[i], nz[i] = profile_gap(
+                    physics.ground, physics.ground_a_m, physics.ground_b_m, spot,
+                    middle_a + along_a[i], middle_z + along_z[i], physics.radius_m,
+                )  # fmt: skip
+        # the rod is placed half a step on: from there back to the step's start, and on to its end as it moves now
+        va, vz, end_a, end_z = rate[across], rate[2], ahead[across], ahead[2]
+        push_a, push_z = bias[across], bias[2]
+        speed, carries = contacts.approach[0, spot], contacts.grip[0, spot]
+        for i in range(n):
+            less = inverse_root[i]
+            fall = h * (na[i] * fall_a + nz[i] * fall_z)
+            now = (na[i] * va[i] + nz[i] * vz[i]) * less
+            curved = (na[i] * push_a[i] + nz[i] * push_z[i]) * less - fall
+            gap[i] += 0.5 * h * now - 0.125 * h * curved
+            speed[i] = (na[i] * end_a[i] + nz[i] * end_z[i]) * less
+            load = -k * (gap[i] + h * theta * fall) - c * (speed[i] + fall)
+            carries[i] = 1.0 if load > 0.0 else 0.0
+            touching += carries[i]
+        end_g, turn_a, turn_z, turn_g = ahead[grain], ahead[3 + across], ahead[5], ahead[3 + grain]
+        along, sideways = contacts.approach[1, spot], contacts.approach[2, spot]
+        for i in range(n):  # rows carry √µ v and √µ(R/2) ω
+            less = inverse_root[i]
+            along[i] = less * (end_g[i] - 2.0 * hand * (nz[i] * turn_a[i] - na[i] * turn_z[i]))
+            sideways[i] = less * (hand * (nz[i] * end_a[i] - na[i] * end_z[i]) + 2.0 * turn_g[i])
+        if physics.viscous:
+            for i in range(n):
+                if gap[i] < near:
+                    touching += 1.0
+        else:
+            soon_a, soon_z, soon_g = foretold[across], foretold[2], foretold[grain]
+            spin_a, spin_z, spin_g = foretold[3 + across], foretold[5], foretold[3 + grain]
+            vg, wa, wz, wg = rate[grain], rate[3 + across], rate[5], rate[3 + grain]
+            first, second = contacts.ends[1], contacts.ends[2]
+            for i in range(n):  # with what the velocity gains until the end of the step, as it did in the last one
+                more = 2.0 * inverse_root[i]
+                turn = nz[i] * (spin_a[i] - wa[i]) - na[i] * (spin_z[i] - wz[i])
+                first[i] = along[i] + more * (soon_g[i] - vg[i] - 2.0 * hand * turn)
+                move = nz[i] * (soon_a[i] - va[i]) - na[i] * (soon_z[i] - vz[i])
+                second[i] = sideways[i] + more * (hand * move + 2.0 * (spin_g[i] - wg[i]))
+            _share(
+                h, physics.friction, k, c, contacts.bristle_m[:, spot], first, second, contacts.load_m_s2[spot],
+                contacts.grip[1, spot],
+            )  # fmt: skip
+    if physics.resistance_m2_s2 > 0.0:
+        stiffness, damping = _roll_stiffness(physics)
+        load_, share = contacts.load_m_s2[0], contacts.grip[2, 0]
+        for i in range(n):
+            rolling = (ahead[6, i] + 2.0 * (foretold[6, i] - rate[6, i])) * 2.0 * inverse_root[i] / physics.radius_m
+            size = abs(stiffness * contacts.roll_bristle[i] + (h * stiffness + damping) * rolling)
+            limit = physics.resistance_m2_s2 if load_[i] > 0.0 else 0.0
+            share[i] = 1.0 if size <= limit else limit / size
+    return touching > 0.0
+
+
+@inner
+def contact_rows(
+    h: float, theta: float, physics: Physics, contacts: Contacts, root: FloatArray, inverse_root: FloatArray,
+    rows: FloatArray, ahead: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """Rows of the contacts that `grip` names, and their right side. scratch: shape (≥ 3, n)."""
+    grain = physics.grain
+    across, hand, n = 1 - grain, _hand(grain), root.shape[0]
     k, c = physics.contact_stiffness_1_s2, physics.contact_damping_1_s
-    stiff, slip = c + h * work.theta[0] * k, c + h * k
-    heavy, lean = np.sqrt(h * stiff), np.sqrt(h / stiff)
-    root = rule.root_mass
-    along_n, along_z, weight = work.triple[0, 0], work.triple[0, 1], work.triple[0, 2]
-    for spot in range(layout.spots):
-        na, nz, gap = work.normal[0, spot], work.normal[1, spot], work.gap_m[spot]
-        speed, carries, share = work.approach[0, spot], work.grip[0, spot], work.grip[1, spot]
-        drive = work.drive[3 * spot]
+    stiff, slip = c + h * theta * k, c + h * k
+    heavy, lean, ease, near = np.sqrt(h * stiff), np.sqrt(h / stiff), k / slip, _NEAR * physics.radius_m
+    along_n, along_z, weight = scratch[0], scratch[1], scratch[2]
+    for spot in range(contacts.gap_m.shape[0]):
+        na, nz, gap = contacts.normal[0, spot], contacts.normal[1, spot], contacts.gap_m[spot]
+        speed, carries, share = contacts.approach[0, spot], contacts.grip[0, spot], contacts.grip[1, spot]
+        along, sideways = contacts.approach[1, spot], contacts.approach[2, spot]
+        bristle_a, bristle_b = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
+        press, first, second = (
+            contacts.drive[3 * spot], contacts.drive[3 * spot + 1], contacts.drive[3 * spot + 2]
+        )  # fmt: skip
         for i in range(n):
             along_n[i] = heavy * carries[i] * na[i]
             along_z[i] = heavy * carries[i] * nz[i]
-            drive[i] = carries[i] * root[i] * lean * (-k * gap[i] - c * speed[i])
-        first, second = work.drive[3 * spot + 1], work.drive[3 * spot + 2]
-        along, sideways = work.approach[1, spot], work.approach[2, spot]
-        if physics.viscous:
-            for i in range(n):
-                weight[i] = np.sqrt(h * physics.friction) if gap[i] < _NEAR * physics.radius_m else 0.0
+            press[i] = carries[i] * root[i] * lean * (-k * gap[i] - c * speed[i])
+        for i in range(n):
+            if physics.viscous:
+                weight[i] = np.sqrt(h * physics.friction) if gap[i] < near else 0.0
                 first[i] = -root[i] * weight[i] * along[i]
                 second[i] = -root[i] * weight[i] * sideways[i]
-        else:
-            bristle_a, bristle_b, ease = state.bristle_m[0, spot], state.bristle_m[1, spot], k / slip
-            for i in range(n):
+            else:
                 weight[i] = carries[i] * np.sqrt(h * slip * share[i])
-            for i in range(n):
                 first[i] = -root[i] * weight[i] * (ease * bristle_a[i] + along[i])
                 second[i] = -root[i] * weight[i] * (ease * bristle_b[i] + sideways[i])
-        for d in range(layout.columns):
-            row_a, row_z, row_g = work.rows[d, across], work.rows[d, 2], work.rows[d, grain]
-            turn_a, turn_z, turn_g = work.rows[d, 3 + across], work.rows[d, 5], work.rows[d, 3 + grain]
-            normal, first, second = (
-                work.contact[d, 3 * spot],
-                work.contact[d, 3 * spot + 1],
-                work.contact[d, 3 * spot + 2],
-            )
+        for d in range(rows.shape[0]):
+            row_a, row_z, row_g = rows[d, across], rows[d, 2], rows[d, grain]
+            turn_a, turn_z, turn_g = rows[d, 3 + across], rows[d, 5], rows[d, 3 + grain]
+            press, first, second = (
+                contacts.rows[d, 3 * spot], contacts.rows[d, 3 * spot + 1], contacts.rows[d, 3 * spot + 2]
+            )  # fmt: skip
             if physics.ground == PLANE:
                 for i in range(n):
-                    normal[i] = along_z[i] * row_z[i]
-                for i in range(n):
+                    press[i] = along_z[i] * row_z[i]
                     first[i] = weight[i] * (row_g[i] - 2.0 * turn_a[i])
-                for i in range(n):
                     second[i] = weight[i] * (row_a[i] + 2.0 * turn_g[i])
             else:
                 for i in range(n):
-                    normal[i] = along_n[i] * row_a[i] + along_z[i] * row_z[i]
-                for i in range(n):
+                    press[i] = along_n[i] * row_a[i] + along_z[i] * row_z[i]
                     first[i] = weight[i] * (row_g[i] - 2.0 * hand * (nz[i] * turn_a[i] - na[i] * turn_z[i]))
-                for i in range(n):
                     second[i] = weight[i] * (hand * (nz[i] * row_a[i] - na[i] * row_z[i]) + 2.0 * turn_g[i])
-    if layout.resists:
-        line = 3 * layout.spots
+    if physics.resistance_m2_s2 > 0.0:
+        line = 3 * contacts.gap_m.shape[0]
         k, c = _roll_stiffness(physics)
+        carries, share = contacts.grip[0, 0], contacts.grip[2, 0]
         for i in range(n):
-            weight[i] = work.grip[0, 0, i] * np.sqrt(h * work.grip[2, 0, i] * (h * k + c))
-            rolling = work.ahead[6, i] * 2.0 * rule.inverse_root[i] / physics.radius_m
-            work.drive[line, i] = -root[i] * weight[i] * (k / (h * k + c) * state.roll_bristle[i] + rolling)
-        for d in range(layout.columns):
+            weight[i] = carries[i] * np.sqrt(h * share[i] * (h * k + c))
+            rolling = ahead[6, i] * 2.0 * inverse_root[i] / physics.radius_m
+            contacts.drive[line, i] = -root[i] * weight[i] * (k / (h * k + c) * contacts.roll_bristle[i] + rolling)
+        for d in range(rows.shape[0]):
             for i in range(n):
-                work.contact[d, line, i] = weight[i] * 2.0 / physics.radius_m * work.rows[d, 6, i]
+                contacts.rows[d, line, i] = weight[i] * 2.0 / physics.radius_m * rows[d, 6, i]
 
 
 @inner
-def _find_ends(h: float, physics: Physics, rule: Rule, work: Work, layout: Layout, spot: int) -> None:
-    """work.ends: load, sliding velocity along the grain and across at the end of the step."""
-    n, grain = layout.points, physics.grain
-    across, hand = 1 - grain, _hand(physics)
-    k, c, theta = physics.contact_stiffness_1_s2, physics.contact_damping_1_s, work.theta[0]
-    na, nz, gap, less = work.normal[0, spot], work.normal[1, spot], work.gap_m[spot], rule.inverse_root
-    va, vz, vg = work.change[across], work.change[2], work.change[grain]
-    turn_a, turn_z, turn_g = work.change[3 + across], work.change[5], work.change[3 + grain]
-    load, along, sideways = work.ends[0], work.ends[1], work.ends[2]
-    speed = work.approach[0, spot]
+def _find_ends(
+    h: float, theta: float, physics: Physics, contacts: Contacts, inverse_root: FloatArray, change: FloatArray,
+    spot: int,
+) -> None:  # fmt: skip
+    """contacts.ends: load, sliding velocity along the grain and across at the end of the step."""
+    grain = physics.grain
+    across, hand, n = 1 - grain, _hand(grain), change.shape[1]
+    k, c = physics.contact_stiffness_1_s2, physics.contact_damping_1_s
+    na, nz, gap = contacts.normal[0, spot], contacts.normal[1, spot], contacts.gap_m[spot]
+    va, vz, vg = change[across], change[2], change[grain]
+    turn_a, turn_z, turn_g = change[3 + across], change[5], change[3 + grain]
+    load, along, sideways = contacts.ends[0], contacts.ends[1], contacts.ends[2]
+    speed, slide, cross = contacts.approach[0, spot], contacts.approach[1, spot], contacts.approach[2, spot]
     for i in range(n):
-        gained = (na[i] * va[i] + nz[i] * vz[i]) * less[i]
+        less = inverse_root[i]
+        gained = (na[i] * va[i] + nz[i] * vz[i]) * less
         load[i] = -k * (gap[i] + h * theta * gained) - c * (speed[i] + gained)
-    speed = work.approach[1, spot]
-    for i in range(n):
-        along[i] = speed[i] + less[i] * (vg[i] - 2.0 * hand * (nz[i] * turn_a[i] - na[i] * turn_z[i]))
-    speed = work.approach[2, spot]
-    for i in range(n):
-        sideways[i] = speed[i] + less[i] * (hand * (nz[i] * va[i] - na[i] * vz[i]) + 2.0 * turn_g[i])
+        along[i] = slide[i] + less * (vg[i] - 2.0 * hand * (nz[i] * turn_a[i] - na[i] * turn_z[i]))
+        sideways[i] = cross[i] + less * (hand * (nz[i] * va[i] - na[i] * vz[i]) + 2.0 * turn_g[i])
 
 
 @inner
-def contradicted(h: float, state: State, physics: Physics, rule: Rule, work: Work, layout: Layout) -> bool:
+def contradicted(
+    h: float, theta: float, physics: Physics, contacts: Contacts, inverse_root: FloatArray, change: FloatArray
+) -> bool:
     """Whether the solution contradicts the contacts it was made with; `grip` is then what it asks for."""
-    n = layout.points
+    n = change.shape[1]
     slack = _LOAD_SLACK * max(abs(physics.gravity_z_m_s2), _LEAST_GRAVITY_M_S2)
     k, c = physics.contact_stiffness_1_s2, physics.contact_damping_1_s
     again = 0.0
-    for spot in range(layout.spots):
-        _find_ends(h, physics, rule, work, layout, spot)
-        load, along, sideways, asked = work.ends[0], work.ends[1], work.ends[2], work.ends[3]
-        carries, share = work.grip[0, spot], work.grip[1, spot]
+    for spot in range(contacts.gap_m.shape[0]):
+        _find_ends(h, theta, physics, contacts, inverse_root, change, spot)
+        load, along, sideways, asked = contacts.ends[0], contacts.ends[1], contacts.ends[2], contacts.ends[3]
+        carries, share = contacts.grip[0, spot], contacts.grip[1, spot]
         wrong = 0.0
         for i in range(n):
             side = 2.0 * carries[i] - 1.0
@@ -220,61 +244,61 @@ def contradicted(h: float, state: State, physics: Physics, rule: Rule, work: Wor
                 carries[i] = 1.0 - carries[i]
                 wrong += 1.0
         if not physics.viscous:
-            bristle_a, bristle_b = state.bristle_m[0, spot], state.bristle_m[1, spot]
-            off = 0.0
+            first, second = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
+            _share(h, physics.friction, k, c, contacts.bristle_m[:, spot], along, sideways, load, asked)
             for i in range(n):
-                p = k * bristle_a[i] + (h * k + c) * along[i]
-                q = k * bristle_b[i] + (h * k + c) * sideways[i]
+                p = k * first[i] + (h * k + c) * along[i]
+                q = k * second[i] + (h * k + c) * sideways[i]
                 size, limit = np.sqrt(p * p + q * q), physics.friction * max(load[i], 0.0)
-                asked[i] = 1.0 if size <= limit else limit / size
                 gap = abs(asked[i] - share[i]) * size - _FRICTION_SLACK * limit - 0.1 * slack
-                off += carries[i] * max(gap, 0.0)
-            if wrong > 0.0 or off > 0.0:
+                wrong += carries[i] * max(gap, 0.0)
+            if wrong > 0.0:
                 for i in range(n):
                     share[i] = asked[i]
-                wrong += 1.0
         again += wrong
     return again > 0.0
 
 
 @inner
-def keep_contacts(h: float, state: State, physics: Physics, rule: Rule, work: Work, layout: Layout) -> None:
+def keep_contacts(
+    h: float, theta: float, physics: Physics, contacts: Contacts, inverse_root: FloatArray, change: FloatArray,
+    ahead: FloatArray,
+) -> None:  # fmt: skip
     """Loads and bristles at the end of the step."""
-    n = layout.points
+    n = change.shape[1]
     k, c = physics.contact_stiffness_1_s2, physics.contact_damping_1_s
-    for spot in range(layout.spots):
-        _find_ends(h, physics, rule, work, layout, spot)
-        load, along, sideways = work.ends[0], work.ends[1], work.ends[2]
-        carries, share = work.grip[0, spot], work.grip[1, spot]
-        kept, bristle_a, bristle_b = state.load_m_s2[spot], state.bristle_m[0, spot], state.bristle_m[1, spot]
+    for spot in range(contacts.gap_m.shape[0]):
+        _find_ends(h, theta, physics, contacts, inverse_root, change, spot)
+        load, along, sideways = contacts.ends[0], contacts.ends[1], contacts.ends[2]
+        carries, share, kept = contacts.grip[0, spot], contacts.grip[1, spot], contacts.load_m_s2[spot]
+        first, second = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
         for i in range(n):
             kept[i] = carries[i] * max(load[i], 0.0)
         if not physics.viscous:
             for i in range(n):
                 # sliding, the whole force goes into the bristle; sticking, the damper's part does not
                 more = h + c / k if share[i] < 1.0 else h
-                p = share[i] * (bristle_a[i] + more * along[i])
-                q = share[i] * (bristle_b[i] + more * sideways[i])
+                p = share[i] * (first[i] + more * along[i])
+                q = share[i] * (second[i] + more * sideways[i])
                 size, limit = np.sqrt(p * p + q * q), physics.friction * kept[i] / k
                 less = 1.0 if size <= limit else limit / size
-                bristle_a[i] = less * p
-                bristle_b[i] = less * q
-    if layout.resists:
+                first[i] = less * p
+                second[i] = less * q
+    if physics.resistance_m2_s2 > 0.0:
         stiffness, damping = _roll_stiffness(physics)
+        kept, share = contacts.load_m_s2[0], contacts.grip[2, 0]
         for i in range(n):
-            rolling = (work.ahead[6, i] + work.change[6, i]) * 2.0 * rule.inverse_root[i] / physics.radius_m
-            share_ = work.grip[2, 0, i]
-            more = h + damping / stiffness if share_ < 1.0 else h
-            angle = share_ * (state.roll_bristle[i] + more * rolling)
+            rolling = (ahead[6, i] + change[6, i]) * 2.0 * inverse_root[i] / physics.radius_m
+            more = h + damping / stiffness if share[i] < 1.0 else h
+            angle = share[i] * (contacts.roll_bristle[i] + more * rolling)
             held = min(max(angle, -_ROLL_BRISTLE), _ROLL_BRISTLE)
-            state.roll_bristle[i] = held if state.load_m_s2[0, i] > 0.0 else 0.0
+            contacts.roll_bristle[i] = held if kept[i] > 0.0 else 0.0
 
 
 @inner
-def drop_contacts(state: State) -> None:
+def drop_contacts(load_m_s2: FloatArray, bristle_m: FloatArray, roll_bristle: FloatArray) -> None:
     """Nothing touches: no load, no bristle."""
-    for spot in range(state.load_m_s2.shape[0]):
-        for i in range(state.load_m_s2.shape[1]):
-            state.load_m_s2[spot, i] = state.bristle_m[0, spot, i] = state.bristle_m[1, spot, i] = 0.0
-    for i in range(state.roll_bristle.shape[0]):
-        state.roll_bristle[i] = 0.0
+    for i in range(roll_bristle.shape[0]):
+        roll_bristle[i] = 0.0
+        for spot in range(load_m_s2.shape[0]):
+            load_m_s2[spot, i] = bristle_m[0, spot, i] = bristle_m[1, spot, i] = 0.0

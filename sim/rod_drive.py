@@ -55,19 +55,20 @@ def hold() -> FloatArray:
 
 @inner
 def rest_curvature(
-    drive: FloatArray, t_s: float, step_s: float, theta: float, strain: FloatArray, lagged_1_m: FloatArray
+    drive: FloatArray, t_s: float, step_s: float, theta: float, bend_1: float, bend_2: float, lagged_1_m: FloatArray
 ) -> tuple[float, float]:
     """Rest curvature (k1, k2) [1/m] in the body frame for the step of step_s from t_s, as it is θ of the step on.
 
-    strain: of the rod now. lagged_1_m: what a lag has reached, shape (2,); moved on by a step.
+    bend_1, bend_2: mean curvature of the rod at the middle of the step [1/m]. lagged_1_m: what a lag has reached, shape
+    (2,); moved on by a step.
     """
     at = t_s + theta * step_s
     size = drive[_CURVATURE] * min(max((at - drive[_START]) / drive[_RAMP] + 1.0, 0.0), 1.0)
     angle = 0.0
     if drive[_KIND] == TURN:
         angle = drive[_DIRECTION] * 2.0 * math.pi * max(at - drive[_START], 0.0) / drive[_PERIOD]
-    elif at >= drive[_START] and strain[0] ** 2 + strain[1] ** 2 > _STRAIGHT_1_M**2:
-        angle = math.atan2(-strain[0], strain[1]) + drive[_DIRECTION] * drive[_LEAD]
+    elif at >= drive[_START] and bend_1 * bend_1 + bend_2 * bend_2 > _STRAIGHT_1_M**2:
+        angle = math.atan2(bend_2, bend_1) + drive[_DIRECTION] * drive[_LEAD]
     k1, k2 = size * math.cos(angle), size * math.sin(angle)
     for i in range(4):
         lost = drive[_LOST + i]

@@ -1,12 +1,12 @@
 """Kinematics, inertia and the implicit step of the reduced-order rod (plain arrays, compiled, no allocation).
 
 The rod: a Kirchhoff tube, base pose (x, Q0) at its mid cross-section, rotation per reference length w = (−k2, k1,
-twist) in the section's axes as a sum of Legendre modes, and (where it stretches) one uniform stretch ℓ:
+twist) in the section's axes as a sum of modes ψ_m, and (where it stretches) one uniform stretch ℓ:
 
     Q' = Q [w]×,   r' = ℓ t,   t = Q e3           by a Magnus step between points, by spectral integration
     ω' = Q ẇ,      v' = ℓ̇ t + ℓ ω × t            so the velocities are linear in u = (ẋ, ω0, modes' rates, ℓ̇),
 
-all in world axes, relative to the middle. With A_m = ∫Q P_m ds and B_m = ∫P_m r × Q ds a mode's columns are
+all in world axes, relative to the middle. With A_m = ∫Q ψ_m ds and B_m = ∫ψ_m r × Q ds a mode's columns are
 ∂ω = A_m and ∂v = A_m × r + B_m. Each point carries its mass µ and the cross-section's rotary inertia
 µ(R²/4)(1 + t tᵀ), so its inertia is the sum of squares of 7 rows: √µ v, √µ(R/2) ω, √µ(R/2) t·ω. With all rows of all
 points as columns of G, the mass matrix is Gᵀ G; a linear damper or spring of a contact is one more row.
@@ -38,7 +38,7 @@ from sim.rod_compile import FAST_MATH, inlined, inner, source_stamp
 from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, keep_contacts
 from sim.rod_drive import rest_curvature
 from sim.rod_ground import profile_gap
-from sim.rod_memory import INERTIA_ROWS, Layout, Physics, State, Work, carve
+from sim.rod_memory import Contacts, Layout, Physics, State, Work, carve
 from sim.rod_rule import Rule
 
 FloatArray = NDArray[np.float64]
@@ -152,7 +152,7 @@ def _integrate_three(values: FloatArray, integral: FloatArray, out: FloatArray) 
                     out[k, start + i] += value * integral[j, i]
 
 
-@inlined
+@inner
 def _place(state: State, physics: Physics, rule: Rule, work: Work, layout: Layout, ahead_s: float) -> None:
     """Place the rod where its velocity takes it in `ahead_s`, and fill the rows of G."""
     axes = work.section.shape[0]  # not written as 3: the compiler would unroll every loop, for longer than it saves
@@ -353,32 +353,31 @@ def _missed(rate: FloatArray, change: FloatArray, foretold: FloatArray) -> float
 
 
 @inner
-def _rates(state: State, work: Work, layout: Layout) -> None:
-    """rate ← G u."""
-    for d in range(layout.columns):
-        work.vector[d] = state.velocity[int(work.column[d])]
-    _times(work.rows, layout.columns, work.vector, work.rate)
+def _gather(coordinates: FloatArray, column: FloatArray, out: FloatArray) -> None:
+    """out ← the columns' part of all coordinates."""
+    for d in range(column.shape[0]):
+        out[d] = coordinates[int(column[d])]
 
 
 @inner
-def _take_momentum(work: Work, layout: Layout, momentum: FloatArray) -> None:
+def _take_momentum(
+    base: int, rows: FloatArray, rate: FloatArray, column: FloatArray, arm: FloatArray, momentum: FloatArray
+) -> None:
     """The momentum about the centre of mass of a rod that moves as `rate` says, shape (6,)."""
-    arm = work.arm_m
     for k in range(6):
         momentum[k] = 0.0
-    for d in range(layout.base):
-        momentum[int(work.column[d])] = _dot(work.rows[d], work.rate)
+    for d in range(base):
+        momentum[int(column[d])] = _dot(rows[d], rate)
     momentum[3] -= arm[1] * momentum[2] - arm[2] * momentum[1]
     momentum[4] -= arm[2] * momentum[0] - arm[0] * momentum[2]
     momentum[5] -= arm[0] * momentum[1] - arm[1] * momentum[0]
 
 
 @inner
-def _base_momentum(momentum: FloatArray, work: Work, layout: Layout, out: FloatArray) -> None:
+def _base_momentum(base: int, momentum: FloatArray, column: FloatArray, arm: FloatArray, out: FloatArray) -> None:
     """Linear momentum, and angular about the middle of the tube, from that about its centre of mass."""
-    arm = work.arm_m
-    for d in range(layout.base):
-        f = int(work.column[d])
+    for d in range(base):
+        f = int(column[d])
         value = momentum[f]
         if f >= 3:
             k1, k2 = (f + 1) % 3, (f + 2) % 3
@@ -388,22 +387,11 @@ def _base_momentum(momentum: FloatArray, work: Work, layout: Layout, out: FloatA
 
 @inner
 def _accelerations(
-    h: float,
-    velocity: FloatArray,
-    rate: FloatArray,
-    state: State,
-    physics: Physics,
-    rule: Rule,
-    work: Work,
-    layout: Layout,
-) -> float:
-    """bias ← −h b + h (gravity and outside forces); returns |h b|² without these."""
-    section, bias, triple = work.section, work.bias, work.triple
-    modes, n = layout.modes, layout.points
-    bend = 0.5 * physics.radius_m
-    stretch, stretch_rate = 1.0, 0.0
-    if physics.stretches:
-        stretch, stretch_rate = work.strain[3 * modes], velocity[6 + 3 * modes]
+    h: float, velocity: FloatArray, rate: FloatArray, stretch: float, stretch_rate: float, bend: float, rule: Rule,
+    section: FloatArray, triple: FloatArray, bias: FloatArray,
+) -> float:  # fmt: skip
+    """bias ← −h b; returns its square. velocity: all coordinates; rate: G of them; bend: half the radius."""
+    modes, n = rule.mode.shape
     spin, source, turning, moving = triple[0], triple[1], triple[2], triple[3]
     for i in range(n):  # α' = ω × Q ẇ
         wx = wy = wz = 0.0
@@ -443,36 +431,41 @@ def _accelerations(
         bias[0, i] = -scale * moving[0, i]
         bias[1, i] = -scale * moving[1, i]
         bias[2, i] = -scale * moving[2, i]
-    # the velocities that strains carry stand for the time (1 − θ)h after the middle of the step (u̇ = −Gᵀb, steadily)
-    _add_scaled(work.rate, work.theta[6] - 1.0, bias, work.ahead)
-    size = _dot(bias, bias)
-    for i in range(n):
+    return _dot(bias, bias)
+
+
+@inner
+def _push(
+    h: float, bend: float, gravity_x: float, gravity_y: float, gravity_z: float, rule: Rule, push_N: FloatArray,
+    push_N_m: FloatArray, bias: FloatArray,
+) -> None:  # fmt: skip
+    """Add gravity and outside forces and moments to the right side of the inertia rows."""
+    for i in range(bias.shape[1]):
         root, less = h * rule.root_mass[i], h * rule.inverse_root[i]
-        bias[0, i] += root * physics.gravity_x_m_s2 + less * state.push_N[i, 0]
-        bias[1, i] += root * physics.gravity_y_m_s2 + less * state.push_N[i, 1]
-        bias[2, i] += root * physics.gravity_z_m_s2 + less * state.push_N[i, 2]
-    return size
+        bias[0, i] += root * gravity_x + less * push_N[i, 0]
+        bias[1, i] += root * gravity_y + less * push_N[i, 1]
+        bias[2, i] += root * gravity_z + less * push_N[i, 2]
+        for k in range(3):
+            bias[3 + k, i] += less / bend * push_N_m[i, k]
 
 
 @inner
-def _set_theta(h: float, state: State, physics: Physics, work: Work) -> None:
+def _set_theta(h: float, damping_time_s: float, rate_1_s2: FloatArray, theta: FloatArray) -> None:
     """θ of each coordinate for steps of h."""
-    size = state.velocity.shape[0]
-    if work.theta[size] == h:
+    size = rate_1_s2.shape[0]
+    if theta[size] == h:
         return
-    work.theta[size] = h
+    theta[size] = h
     for f in range(size):
-        square = state.modal_rate_1_s2[f]
-        angle = h * h * square
+        angle = h * h * rate_1_s2[f]
         if f >= 6:
-            angle += (h * physics.damping_time_s * square) ** 2
-        work.theta[f] = 0.5 + 0.5 * angle / (_RESOLVED * _RESOLVED + angle)
+            angle += (h * damping_time_s * rate_1_s2[f]) ** 2
+        theta[f] = 0.5 + 0.5 * angle / (_RESOLVED * _RESOLVED + angle)
 
 
 @inner
-def _softened(bend_squared: float, physics: Physics) -> tuple[float, float]:
+def _softened(bend_squared: float, a: float) -> tuple[float, float]:
     """1 − (passive moment over EIκ), and the elastic energy that is missing over EI, of a section that ovalises."""
-    a = physics.softening_m2
     kink_squared = 1.0 / (3.0 * a)
     if bend_squared <= kink_squared:
         return a * bend_squared, 0.25 * a * bend_squared * bend_squared
@@ -484,292 +477,333 @@ def _softened(bend_squared: float, physics: Physics) -> tuple[float, float]:
 
 
 @inner
-def _elastic_forces(h: float, state: State, physics: Physics, rule: Rule, work: Work, layout: Layout) -> None:
-    """Add strain, damping and what ovalisation takes off them to the equations."""
-    base, columns, modes = layout.base, layout.columns, layout.modes
-    matrix, vector, theta = work.matrix, work.vector, work.theta
-    tau = physics.damping_time_s
-    for a in range(base, columns):
-        f = int(work.column[a])
+def _elastic_forces(
+    h: float, tau: float, base: int, column: FloatArray, theta: FloatArray, stiffness: FloatArray, strain: FloatArray,
+    rest: FloatArray, velocity: FloatArray, matrix: FloatArray, vector: FloatArray,
+) -> None:  # fmt: skip
+    """Add strain and damping to the equations."""
+    for a in range(base, column.shape[0]):
+        f = int(column[a])
+        line = stiffness[f - 6]
         weight = np.sqrt(h * theta[f] * (tau + h * theta[f]))
         total = 0.0
-        for s in range(state.strain.shape[0]):
-            k = state.stiffness[f - 6, s]
-            if k != 0.0:
-                reach = theta[6 + s] * h + tau
-                total += k * (state.strain[s] - state.rest_strain[s] + reach * state.velocity[6 + s])
+        for s in range(strain.shape[0]):
+            if line[s] != 0.0:
+                total += line[s] * (strain[s] - rest[s] + (theta[6 + s] * h + tau) * velocity[6 + s])
         vector[a] -= h * total
         for b in range(base, a + 1):
-            g = int(work.column[b])
-            k = state.stiffness[f - 6, g - 6]
-            if k != 0.0:
-                matrix[a, b] += k * weight * np.sqrt(h * theta[g] * (tau + h * theta[g]))
-    if physics.softening_m2 > 0.0:
-        n = layout.points
-        first, second = work.triple[0, 0], work.triple[0, 1]
-        for i in range(n):
-            x = y = 0.0
-            for m in range(modes):
-                p = rule.mode[m, i] * rule.outward[i]
-                x += p * work.strain[3 * m]
-                y += p * work.strain[3 * m + 1]
-            less, _ = _softened(x * x + y * y, physics)
-            share = less * physics.bending_N_m2 * physics.length_m * rule.root_mass[i] ** 2 / physics.mass_kg
-            first[i], second[i] = share * x, share * y
-        for a in range(base, columns):
-            f = int(work.column[a]) - 6
-            if f < 3 * modes and f % 3 < 2:
-                total = 0.0
-                for i in range(n):
-                    total += rule.mode[f // 3, i] * rule.outward[i] * (first[i] if f % 3 == 0 else second[i])
-                vector[a] += h * total
+            g = int(column[b])
+            if line[g - 6] != 0.0:
+                matrix[a, b] += line[g - 6] * weight * np.sqrt(h * theta[g] * (tau + h * theta[g]))
 
 
 @inner
-def _base_that_keeps_momentum(h: float, state: State, physics: Physics, work: Work, layout: Layout) -> None:
-    """work.mean of the base from the momentum at the middle of the step, with the factors of the equations."""
-    base, columns, matrix, vector = layout.base, layout.columns, work.matrix, work.vector
-    gained, now = work.change.ravel(), work.bias.ravel()  # free at this point
-    for k in range(6):
-        now[k] = state.momentum[k]
-    _outside_impulse(0.5 * h, state, physics, work, layout, now)
-    _base_momentum(now, work, layout, gained)
-    _forward(matrix, base, gained)
-    for a in range(base, columns):
-        speed = work.mean[int(work.column[a])]
+def _softening(
+    h: float, softening_m2: float, stiffness_1_kg: float, base: int, column: FloatArray, strain: FloatArray, rule: Rule,
+    scratch: FloatArray, vector: FloatArray,
+) -> None:  # fmt: skip
+    """Add what ovalisation takes off the bending moment. stiffness_1_kg: EI L/m; strain: as the rod is placed."""
+    modes, n = rule.mode.shape
+    first, second = scratch[0], scratch[1]
+    for i in range(n):
+        x = y = 0.0
+        for m in range(modes):
+            p = rule.mode[m, i] * rule.outward[i]
+            x += p * strain[3 * m]
+            y += p * strain[3 * m + 1]
+        less, _ = _softened(x * x + y * y, softening_m2)
+        share = less * stiffness_1_kg * rule.root_mass[i] ** 2 * rule.outward[i]
+        first[i], second[i] = share * x, share * y
+    for a in range(base, column.shape[0]):
+        f = int(column[a]) - 6
+        if f < 3 * modes and f % 3 < 2:
+            total = 0.0
+            for i in range(n):
+                total += rule.mode[f // 3, i] * (first[i] if f % 3 == 0 else second[i])
+            vector[a] += h * total
+
+
+@inner
+def _base_that_keeps_momentum(
+    base: int, momentum: FloatArray, column: FloatArray, arm: FloatArray, theta: FloatArray, velocity: FloatArray,
+    matrix: FloatArray, mean: FloatArray, vector: FloatArray, scratch: FloatArray,
+) -> None:  # fmt: skip
+    """mean of the base from the momentum at the middle of the step, with the factors of the equations."""
+    _base_momentum(base, momentum, column, arm, scratch)
+    _forward(matrix, base, scratch)
+    for a in range(base, column.shape[0]):
+        speed = mean[int(column[a])]
         for b in range(base):
-            gained[b] -= matrix[a, b] * speed
-    _backward(matrix, base, gained)
+            scratch[b] -= matrix[a, b] * speed
+    _backward(matrix, base, scratch)
     for d in range(base):
-        work.mean[int(work.column[d])] = gained[d]
-    _outside_impulse(h, state, physics, work, layout, state.momentum)
-    for d in range(base):  # an estimate for the end of the step
-        f = int(work.column[d])
-        vector[d] = gained[d] + (1.0 - work.theta[f]) * vector[d] - state.velocity[f]
+        f = int(column[d])
+        mean[f] = scratch[d]
+        vector[d] = scratch[d] + (1.0 - theta[f]) * vector[d] - velocity[f]  # an estimate for the end of the step
 
 
 @inner
 def _outside_impulse(
-    span_s: float, state: State, physics: Physics, work: Work, layout: Layout, momentum: FloatArray
-) -> None:
-    """Add what gravity and outside forces give in `span_s`."""
-    momentum[0] += span_s * physics.mass_kg * physics.gravity_x_m_s2
-    momentum[1] += span_s * physics.mass_kg * physics.gravity_y_m_s2
-    momentum[2] += span_s * physics.mass_kg * physics.gravity_z_m_s2
-    for i in range(layout.points):
-        fx, fy, fz = state.push_N[i, 0], state.push_N[i, 1], state.push_N[i, 2]
-        if fx != 0.0 or fy != 0.0 or fz != 0.0:
-            x, y, z = (
-                work.place_m[0, i] - work.arm_m[0],
-                work.place_m[1, i] - work.arm_m[1],
-                work.place_m[2, i] - work.arm_m[2],
-            )
-            momentum[0] += span_s * fx
-            momentum[1] += span_s * fy
-            momentum[2] += span_s * fz
-            momentum[3] += span_s * (y * fz - z * fy)
-            momentum[4] += span_s * (z * fx - x * fz)
-            momentum[5] += span_s * (x * fy - y * fx)
+    span_s: float, mass_kg: float, gravity_x: float, gravity_y: float, gravity_z: float, push_N: FloatArray,
+    push_N_m: FloatArray, place_m: FloatArray, arm_m: FloatArray, momentum: FloatArray, result: FloatArray,
+) -> None:  # fmt: skip
+    """result ← momentum and what gravity and outside forces give in `span_s`."""
+    for k in range(6):
+        result[k] = momentum[k]
+    result[0] += span_s * mass_kg * gravity_x
+    result[1] += span_s * mass_kg * gravity_y
+    result[2] += span_s * mass_kg * gravity_z
+    for i in range(push_N.shape[0]):
+        fx, fy, fz = push_N[i, 0], push_N[i, 1], push_N[i, 2]
+        x, y, z = place_m[0, i] - arm_m[0], place_m[1, i] - arm_m[1], place_m[2, i] - arm_m[2]
+        result[0] += span_s * fx
+        result[1] += span_s * fy
+        result[2] += span_s * fz
+        result[3] += span_s * (y * fz - z * fy + push_N_m[i, 0])
+        result[4] += span_s * (z * fx - x * fz + push_N_m[i, 1])
+        result[5] += span_s * (x * fy - y * fx + push_N_m[i, 2])
 
 
 @inner
-def _trusted(h: float, state: State, physics: Physics, work: Work, layout: Layout) -> int:
+def _trusted(
+    h: float, length_m: float, modes: int, stretch: float, vector: FloatArray, mean: FloatArray, column: FloatArray
+) -> int:
     """0: the step may stand; 1: it turns, bends or stretches the rod too far; 2: it is not finite."""
-    mean = work.mean
-    for d in range(layout.columns):
-        if not (abs(work.vector[d]) < _LARGEST_SPEED and abs(mean[int(work.column[d])]) < _LARGEST_SPEED):
+    for d in range(vector.shape[0]):
+        if not (abs(vector[d]) < _LARGEST_SPEED and abs(mean[int(column[d])]) < _LARGEST_SPEED):
             return 2
     turn = h * np.sqrt(mean[3] ** 2 + mean[4] ** 2 + mean[5] ** 2)
     bend = 0.0
-    for a in range(3 * layout.modes):
+    for a in range(3 * modes):
         bend += abs(mean[6 + a])
-    if turn > _LARGEST_TURN or h * physics.length_m * bend > _LARGEST_TURN:
+    if turn > _LARGEST_TURN or h * length_m * bend > _LARGEST_TURN:
         return 1
-    if physics.stretches:
-        stretch = state.strain[3 * layout.modes]
-        after = stretch + h * mean[6 + 3 * layout.modes]
-        if abs(after - stretch) > _LARGEST_STRETCH * stretch:
-            return 1
+    if mean.shape[0] > 6 + 3 * modes and abs(h * mean[6 + 3 * modes]) > _LARGEST_STRETCH * stretch:
+        return 1
     return 0
 
 
 @inner
-def _error(h: float, physics: Physics, state: State, work: Work, layout: Layout) -> float:
+def _error(
+    h: float, mass_kg: float, radius_m: float, rows: FloatArray, vector: FloatArray, gain: FloatArray,
+    scratch: FloatArray, product: FloatArray,
+) -> float:  # fmt: skip
     """Estimate of the step's error over the radius: h³ü/12 as a root mean square of the tube's points."""
-    for d in range(layout.columns):
-        work.vector[d] = work.vector[d] / h - state.gain[d]
-    _times(work.rows, layout.columns, work.vector, work.bias)
-    total = _dot(work.bias, work.bias)
-    for d in range(layout.columns):
-        work.vector[d] = (work.vector[d] + state.gain[d]) * h
-    return h * h / 12.0 * np.sqrt(total / physics.mass_kg) / physics.radius_m
+    for d in range(vector.shape[0]):
+        scratch[d] = vector[d] / h - gain[d]
+    _times(rows, vector.shape[0], scratch, product)
+    return h * h / 12.0 * np.sqrt(_dot(product, product) / mass_kg) / radius_m
+
+
+@inner
+def _curvature_squared(i: int, strain: FloatArray, mode: FloatArray) -> float:
+    """At a point; the sign of `outward` in `mode` does not matter."""
+    x = y = 0.0
+    for m in range(mode.shape[0]):
+        x += mode[m, i] * strain[3 * m]
+        y += mode[m, i] * strain[3 * m + 1]
+    return x * x + y * y
 
 
 @inlined
-def _step(h: float, state: State, physics: Physics, rule: Rule, work: Work, layout: Layout) -> int:
+def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contacts, work: Work, layout: Layout) -> int:
     """One step of h, or none: 0: done; 1: too coarse, nothing changed; 2: not finite, nothing changed."""
-    size, base = layout.columns, layout.base
-    strain, velocity, position = state.strain, state.velocity, state.position_m
-    matrix, vector, mean = work.matrix, work.vector, work.mean
-    _set_theta(h, state, physics, work)
+    size, base, modes = layout.columns, layout.base, layout.modes
+    strain, velocity, position, flag = state.strain, state.velocity, state.position_m, state.flag
+    matrix, vector, mean, theta, column = work.matrix, work.vector, work.mean, work.theta, work.column
+    rows, rate, ahead, change, bias = work.rows, work.rate, work.ahead, work.change, work.bias
+    arm, less, bend = work.arm_m, rule.inverse_root, 0.5 * physics.radius_m
+    gx, gy, gz = physics.gravity_x_m_s2, physics.gravity_y_m_s2, physics.gravity_z_m_s2
+    stretch = strain[3 * modes] if physics.stretches else 1.0
+    stretching = velocity[6 + 3 * modes] if physics.stretches else 0.0
+    _set_theta(h, physics.damping_time_s, state.modal_rate_1_s2, theta)
     _place(state, physics, rule, work, layout, 0.5 * h)
-    _rates(state, work, layout)
+    _gather(velocity, column, vector)
+    _times(rows, size, vector, rate)
     for d in range(size):
-        f = int(work.column[d])
+        f = int(column[d])
         mean[f] = velocity[f] + 0.5 * h * state.gain[d]
         vector[d] = mean[f]
-    _times(work.rows, size, vector, work.foretold)
-    twisting = _accelerations(h, mean, work.foretold, state, physics, rule, work, layout)
+    _times(rows, size, vector, work.foretold)
+    twisting = _accelerations(
+        h, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
+    )  # fmt: skip
+    # the velocities that strains carry stand for the time (1 − θ)h after the middle of the step (u̇ = −Gᵀb, steadily)
+    _add_scaled(rate, theta[6] - 1.0, bias, ahead)
+    _push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
     touching = False
     if physics.ground > 0:
-        touching = find_contacts(h, state, physics, rule, work, layout)
-    _gram(_flat(work.rows), size, work.inertia, False)
+        touching = find_contacts(
+            h, theta[0], position, velocity, physics, contacts, work.place_m, less, rate, work.foretold, ahead, bias
+        )  # fmt: skip
+    _gram(_flat(rows), size, work.inertia, False)
     kept = base > 0 and not touching
-    if kept and state.flag[ALOFT] == 0.0:
-        _take_momentum(work, layout, state.momentum)
-    gravity = abs(physics.gravity_x_m_s2) + abs(physics.gravity_y_m_s2) + abs(physics.gravity_z_m_s2)
-    moving = _dot(work.rate, work.rate)
+    if kept and flag[ALOFT] == 0.0:  # the momentum that it takes off with
+        _place(state, physics, rule, work, layout, 0.0)
+        _gather(velocity, column, vector)
+        _times(rows, size, vector, rate)
+        _take_momentum(base, rows, rate, column, arm, state.momentum)
+        _place(state, physics, rule, work, layout, 0.5 * h)
+        _times(rows, size, vector, rate)
+    moving = _dot(rate, rate)
     again = True
     for sweep in range(_PASSES):
-        state.flag[SOLVES] += 1.0
+        flag[SOLVES] += 1.0
         if touching:
-            contact_rows(h, state, physics, rule, work, layout)
+            contact_rows(h, theta[0], physics, contacts, rule.root_mass, less, rows, ahead, work.triple[0])
         for a in range(size):
-            vector[a] = _dot(work.rows[a], work.bias)
+            vector[a] = _dot(rows[a], bias)
             if touching:
-                vector[a] += _dot(work.contact[a], work.drive)
+                vector[a] += _dot(contacts.rows[a], contacts.drive)
             for b in range(a + 1):
                 matrix[a, b] = work.inertia[a, b]
         if touching:
-            _gram(_flat(work.contact), size, matrix, True)
-        _elastic_forces(h, state, physics, rule, work, layout)
+            _gram(_flat(contacts.rows), size, matrix, True)
+        _elastic_forces(
+            h, physics.damping_time_s, base, column, theta, state.stiffness, strain, state.rest_strain, velocity,
+            matrix, vector,
+        )  # fmt: skip
+        if physics.softening_m2 > 0.0:
+            _softening(
+                h, physics.softening_m2, physics.bending_N_m2 * physics.length_m / physics.mass_kg, base, column,
+                work.strain, rule, work.triple[0], vector,
+            )  # fmt: skip
         if not _factor(matrix, size):
             return 2
         _forward(matrix, size, vector)
         _backward(matrix, size, vector)
         for d in range(size):
-            f = int(work.column[d])
-            mean[f] = velocity[f] + work.theta[f] * vector[d]
-        _times(work.rows, size, vector, work.change)
+            f = int(column[d])
+            mean[f] = velocity[f] + theta[f] * vector[d]
+        _times(rows, size, vector, change)
         if sweep == _PASSES - 1:
             break
         repeat = False
         if physics.ground > 0:
-            repeat = contradicted(h, state, physics, rule, work, layout)
+            repeat = contradicted(h, theta[0], physics, contacts, less, change)
             touching = touching or repeat
             kept = base > 0 and not touching
         if again:
-            missed = _missed(work.rate, work.change, work.foretold)
+            missed = _missed(rate, change, work.foretold)
             # b goes with the square of the velocity: its change is 2 |b| |what u was missed by| / |u|
-            if 4.0 * twisting * missed > _AGAIN * _AGAIN * moving * (moving + physics.mass_kg * (h * gravity) ** 2):
+            pull = physics.mass_kg * (h * (abs(gx) + abs(gy) + abs(gz))) ** 2
+            if 4.0 * twisting * missed > _AGAIN * _AGAIN * moving * (moving + pull):
                 repeat = True
                 again = False
-                _add_scaled(work.rate, 0.5, work.change, work.foretold)
-                _accelerations(h, mean, work.foretold, state, physics, rule, work, layout)
+                stretching = mean[6 + 3 * modes] if physics.stretches else 0.0
+                _add_scaled(rate, 0.5, change, work.foretold)
+                _accelerations(
+                    h, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
+                )  # fmt: skip
+                _push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
         if not repeat:
             break
+    after = bias.ravel()  # free from here on
     if kept:
-        _base_that_keeps_momentum(h, state, physics, work, layout)
-    verdict = _trusted(h, state, physics, work, layout)
+        now, scratch = after[:6], change.ravel()
+        _outside_impulse(
+            0.5 * h, physics.mass_kg, gx, gy, gz, state.push_N, state.push_N_m, work.place_m, arm, state.momentum, now
+        )  # fmt: skip
+        _base_that_keeps_momentum(base, now, column, arm, theta, velocity, matrix, mean, vector, scratch)
+    verdict = _trusted(h, physics.length_m, modes, stretch, vector, mean, column)
     if verdict > 0:
-        if kept:
-            _outside_impulse(-h, state, physics, work, layout, state.momentum)
         return verdict
-    if physics.tolerance > 0.0 and state.flag[STEPS] > 0.0:
-        error = _error(h, physics, state, work, layout)
-        state.flag[ADVICE] = h * min(2.0, max(0.25, 0.9 * (physics.tolerance / max(error, 1e-30)) ** (1.0 / 3.0)))
+    flag[ADVICE] = 2.0 * h
+    if physics.tolerance > 0.0 and flag[STEPS] > 0.0:
+        error = _error(
+            h, physics.mass_kg, physics.radius_m, rows, vector, state.gain, work.triple.ravel(), work.foretold
+        )  # fmt: skip
+        flag[ADVICE] = h * min(2.0, max(0.25, 0.9 * (physics.tolerance / max(error, 1e-30)) ** (1.0 / 3.0)))
         if error > 2.0 * physics.tolerance and h > 2.0**-_HALVINGS * physics.step_s:
-            if kept:
-                _outside_impulse(-h, state, physics, work, layout, state.momentum)
             return 1
-    else:
-        state.flag[ADVICE] = 2.0 * h
     if touching:
-        keep_contacts(h, state, physics, rule, work, layout)
-        state.flag[ALOFT] = 0.0
+        keep_contacts(h, theta[0], physics, contacts, less, change, ahead)
+        flag[ALOFT] = 0.0
     else:
-        drop_contacts(state)
-        state.flag[ALOFT] = 1.0
+        if flag[ALOFT] == 0.0:
+            drop_contacts(contacts.load_m_s2, contacts.bristle_m, contacts.roll_bristle)
+        flag[ALOFT] = 1.0
+        if kept:
+            now = after[:6]
+            _outside_impulse(
+                h, physics.mass_kg, gx, gy, gz, state.push_N, state.push_N_m, work.place_m, arm, state.momentum, now
+            )  # fmt: skip
+            for k in range(6):
+                state.momentum[k] = now[k]
     for d in range(size):
-        velocity[int(work.column[d])] += vector[d]
+        velocity[int(column[d])] += vector[d]
         state.gain[d] = vector[d] / h
     for a in range(strain.shape[0]):
         strain[a] += h * mean[6 + a]
     for k in range(3):
         position[k] += h * mean[k]
     _turn_by(h * mean[3], h * mean[4], h * mean[5], state.rotation)
-    if moving < physics.mass_kg * physics.sleep_speed_m_s**2 and (
-        touching or (physics.gravity_x_m_s2 == 0.0 and physics.gravity_y_m_s2 == 0.0 and physics.gravity_z_m_s2 == 0.0)
-    ):
-        state.flag[RESTED] += h
+    still = moving < physics.mass_kg * physics.sleep_speed_m_s**2
+    if still and (touching or (gx == 0.0 and gy == 0.0 and gz == 0.0)):
+        flag[RESTED] += h
     else:
-        state.flag[RESTED] = 0.0
-    state.flag[STEPS] += 1.0
+        flag[RESTED] = 0.0
+    flag[STEPS] += 1.0
     return 0
 
 
 @inner
-def _note_kink(state: State, physics: Physics, rule: Rule, layout: Layout) -> float:
-    """The greatest curvature along the tube, and the time of the first kink into the state."""
+def _note_kink(strain: FloatArray, mode: FloatArray, softening_m2: float, flag: FloatArray) -> float:
+    """The greatest curvature along the tube, and the time of the first kink into the state's flags."""
     greatest = 0.0
-    for i in range(layout.points):
-        x = y = 0.0
-        for m in range(layout.modes):
-            p = rule.mode[m, i] * rule.outward[i]
-            x += p * state.strain[3 * m]
-            y += p * state.strain[3 * m + 1]
-        greatest = max(greatest, x * x + y * y)
-    if physics.softening_m2 > 0.0 and state.flag[KINKED] < 0.0 and greatest * 3.0 * physics.softening_m2 > 1.0:
-        state.flag[KINKED] = state.flag[TIME]
+    for i in range(mode.shape[1]):
+        greatest = max(greatest, _curvature_squared(i, strain, mode))
+    if softening_m2 > 0.0 and flag[KINKED] < 0.0 and greatest * 3.0 * softening_m2 > 1.0:
+        flag[KINKED] = flag[TIME]
     return np.sqrt(greatest)
 
 
 @inner
-def _elastic_energy(state: State) -> float:
+def _elastic_energy(strain: FloatArray, rest: FloatArray, stiffness: FloatArray) -> float:
     total = 0.0
-    for a in range(state.strain.shape[0]):
-        off = state.strain[a] - state.rest_strain[a]
-        for b in range(state.strain.shape[0]):
-            total += 0.5 * off * state.stiffness[a, b] * (state.strain[b] - state.rest_strain[b])
+    for a in range(strain.shape[0]):
+        off = strain[a] - rest[a]
+        for b in range(strain.shape[0]):
+            total += 0.5 * off * stiffness[a, b] * (strain[b] - rest[b])
     return total
 
 
 @inner
 def _write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: Layout, row: FloatArray) -> None:
     """The rod as it is placed now, with its rates, as a row of `sim.motion_rows`."""
-    n, half = layout.points, layout.half
-    velocity, rows, rate, change = state.velocity, work.rows, work.rate, work.vector
-    stretch = state.strain[3 * layout.modes] if physics.stretches else 1.0
-    row[0] = state.flag[TIME]
+    n, base = layout.points, layout.base
+    velocity, rows, rate, change, flag = state.velocity, work.rows, work.rate, work.vector, state.flag
+    arm, mass = work.arm_m, rule.root_mass
+    row[0] = flag[TIME]
     for k in range(3):
         row[1 + k] = state.position_m[k]
-        row[19 + k] = state.position_m[k] + work.arm_m[k]
+        row[19 + k] = state.position_m[k] + arm[k]
         row[16 + k] = velocity[k]
         row[13 + k] = velocity[3 + k]
         for c in range(3):
             row[4 + 3 * k + c] = state.rotation[k, c]
-    if state.flag[ALOFT] == 1.0 and layout.base > 0:  # the base moves as the momentum asks
-        _base_momentum(state.momentum, work, layout, change)
-        for a in range(layout.base):
+    if flag[ALOFT] == 1.0 and base > 0:  # the base moves as the momentum asks
+        _base_momentum(base, state.momentum, work.column, arm, change)
+        for a in range(base):
             change[a] -= _dot(rows[a], rate)
-        _gram(_flat(rows), layout.base, work.matrix, False)
-        if _factor(work.matrix, layout.base):
-            _forward(work.matrix, layout.base, change)
-            _backward(work.matrix, layout.base, change)
-            for a in range(layout.base):
+        _gram(_flat(rows), base, work.matrix, False)
+        if _factor(work.matrix, base):
+            _forward(work.matrix, base, change)
+            _backward(work.matrix, base, change)
+            for a in range(base):
                 f = int(work.column[a])
                 row[16 + f if f < 3 else 10 + f] += change[a]
                 _add_scaled(rate, change[a], rows[a], rate)
     momentum = work.foretold.ravel()  # free here
-    _take_momentum(work, layout, momentum)
-    row[22] = stretch
+    _take_momentum(base, rows, rate, work.column, arm, momentum)
+    row[22] = state.strain[3 * layout.modes] if physics.stretches else 1.0
     row[23], row[24] = state.strain[1], -state.strain[0]
     chord = row[25:28]
     size = 0.0
     for k in range(3):
         total = 0.0
         for i in range(n):  # the integral to the end is the Gauss sum
-            total += rule.root_mass[i] ** 2 * work.section[2, k, i]
+            total += mass[i] ** 2 * work.section[2, k, i]
         if physics.mirrored and k > 0:
             total = 0.0
         chord[k] = total
@@ -777,52 +811,41 @@ def _write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: L
     size = np.sqrt(size)
     for k in range(3):
         chord[k] = chord[k] / size if size > 0.0 else state.rotation[k, 2]
-    for k in range(3):
         row[28 + k] = momentum[3 + k]
-    kinetic, height = 0.5 * _dot(rate, rate), 0.0
-    height += (state.position_m[0] + work.arm_m[0]) * physics.gravity_x_m_s2
-    height += (state.position_m[1] + work.arm_m[1]) * physics.gravity_y_m_s2
-    height += (state.position_m[2] + work.arm_m[2]) * physics.gravity_z_m_s2
-    missing = 0.0
+    missing = deepest = 0.0
     if physics.softening_m2 > 0.0:
         for i in range(n):
-            x = y = 0.0
-            for m in range(layout.modes):
-                p = rule.mode[m, i] * rule.outward[i]
-                x += p * state.strain[3 * m]
-                y += p * state.strain[3 * m + 1]
-            _, less = _softened(x * x + y * y, physics)
-            missing += less * physics.bending_N_m2 * physics.length_m * rule.root_mass[i] ** 2 / physics.mass_kg
-    row[31] = kinetic + _elastic_energy(state) - missing - physics.mass_kg * height
-    row[32] = state.flag[WORK]
-    deepest = 0.0
+            _, less = _softened(_curvature_squared(i, state.strain, rule.mode), physics.softening_m2)
+            missing += less * physics.bending_N_m2 * physics.length_m * mass[i] ** 2 / physics.mass_kg
+    fallen = row[19] * physics.gravity_x_m_s2 + row[20] * physics.gravity_y_m_s2 + row[21] * physics.gravity_z_m_s2
+    elastic = _elastic_energy(state.strain, state.rest_strain, state.stiffness)
+    row[31] = 0.5 * _dot(rate, rate) + elastic - missing - physics.mass_kg * fallen
+    row[32] = flag[WORK]
     if physics.ground > 0:
         across = 1 - physics.grain
         for spot in range(layout.spots):
             for i in range(n):
                 gap, _, _ = profile_gap(
-                    physics.ground,
-                    physics.ground_a_m,
-                    physics.ground_b_m,
-                    spot,
-                    state.position_m[across] + work.place_m[across, i],
-                    state.position_m[2] + work.place_m[2, i],
+                    physics.ground, physics.ground_a_m, physics.ground_b_m, spot,
+                    state.position_m[across] + work.place_m[across, i], state.position_m[2] + work.place_m[2, i],
                     physics.radius_m,
-                )
+                )  # fmt: skip
                 deepest = max(deepest, -gap)
     row[33] = deepest
-    row[34] = _note_kink(state, physics, rule, layout)
-    row[35] = state.flag[ASLEEP]
+    row[34] = _note_kink(state.strain, rule.mode, physics.softening_m2, flag)
+    row[35] = flag[ASLEEP]
 
 
 @inner
-def _change_rest(k1: float, k2: float, state: State) -> bool:
+def _change_rest(
+    k1: float, k2: float, strain: FloatArray, rest: FloatArray, stiffness: FloatArray, flag: FloatArray
+) -> bool:
     """New rest curvature; the actuators' work goes into the ledger. False when it is the old one."""
-    if state.rest_strain[0] == -k2 and state.rest_strain[1] == k1:
+    if rest[0] == -k2 and rest[1] == k1:
         return False
-    before = _elastic_energy(state)
-    state.rest_strain[0], state.rest_strain[1] = -k2, k1
-    state.flag[WORK] += _elastic_energy(state) - before
+    before = _elastic_energy(strain, rest, stiffness)
+    rest[0], rest[1] = -k2, k1
+    flag[WORK] += _elastic_energy(strain, rest, stiffness) - before
     return True
 
 
@@ -842,16 +865,21 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         memory: as `rod_memory.carve` lays it out. drive: as `rod_drive` lays it out. out: (samples, ROW_SIZE), or
         (0, ROW_SIZE) for none. steps = 0 only looks at the rod as it is.
         """
-        state, rule, work, _ = carve(memory, layout)
+        state, rule, contacts, work, _ = carve(memory, layout)
         going = len(stamp) > 0
         macro = physics.step_s
         flag = state.flag
         for sample in range(samples):
             for _ in range(steps):
-                _set_theta(macro, state, physics, work)
+                _set_theta(macro, physics.damping_time_s, state.modal_rate_1_s2, work.theta)
                 if drive[0] > 0.0:
-                    k1, k2 = rest_curvature(drive, flag[TIME], macro, work.theta[6], state.strain, state.lagged_1_m)
-                    if _change_rest(k1, k2, state):
+                    # the bend as it will lie at the middle of the step, for the second order
+                    bend_1 = state.strain[1] + 0.5 * macro * state.velocity[7]
+                    bend_2 = -state.strain[0] - 0.5 * macro * state.velocity[6]
+                    k1, k2 = rest_curvature(
+                        drive, flag[TIME], macro, work.theta[6], bend_1, bend_2, state.lagged_1_m
+                    )  # fmt: skip
+                    if _change_rest(k1, k2, state.strain, state.rest_strain, state.stiffness, flag):
                         flag[RESTED] = flag[ASLEEP] = 0.0
                 if flag[ASLEEP] > 0.0:
                     flag[TIME] += macro
@@ -861,7 +889,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                     h = macro - done
                     if flag[ADVICE] < h:
                         h /= np.ceil(h / flag[ADVICE] - 1e-9)
-                    verdict = _step(h, state, physics, rule, work, layout)
+                    verdict = _step(h, state, physics, rule, contacts, work, layout)
                     if verdict == 0:
                         done = macro if h >= (macro - done) * (1.0 - 1e-12) else done + h
                     else:
@@ -873,7 +901,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                     break
                 flag[TIME] += macro
                 if physics.softening_m2 > 0.0:
-                    _note_kink(state, physics, rule, layout)
+                    _note_kink(state.strain, rule.mode, physics.softening_m2, flag)
                 if flag[RESTED] > _REST_TIME_S:
                     flag[ASLEEP] = 1.0
                     for f in range(state.velocity.shape[0]):
@@ -887,7 +915,8 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                     out[sample, 0] = flag[TIME]
                 else:
                     _place(state, physics, rule, work, layout, 0.0)
-                    _rates(state, work, layout)
+                    _gather(state.velocity, work.column, work.vector)
+                    _times(work.rows, layout.columns, work.vector, work.rate)
                     _write_row(state, physics, rule, work, layout, out[sample])
         return samples
 

@@ -88,12 +88,6 @@ class State(NamedTuple):
     """Modes' w, three each, and the stretch where there is one, shape (s,)."""
     velocity: FloatArray
     """Of the middle, world axes; angular, world axes; of the strains; shape (6 + s,)."""
-    load_m_s2: FloatArray
-    """Normal contact force over mass of each contact, shape (c, n)."""
-    bristle_m: FloatArray
-    """Elastic part of each contact's sliding, along the grain and across, shape (2, c, n)."""
-    roll_bristle: FloatArray
-    """Elastic part of each point's rolling, shape (n,) [rad]."""
     momentum: FloatArray
     """Linear, and angular about the centre of mass, world axes, shape (6,)."""
     flag: FloatArray
@@ -111,8 +105,36 @@ class State(NamedTuple):
     """Square of the natural frequency of each coordinate by itself, shape (6 + s,)."""
     push_N: FloatArray
     """Outside forces on the points, world axes, shape (n, 3)."""
+    push_N_m: FloatArray
+    """Outside moments on the sections there, world axes, shape (n, 3)."""
     gain: FloatArray
     """Velocity gained in the last step over its length, for the error of the next, shape (columns,)."""
+
+
+class Contacts(NamedTuple):
+    """What a step knows of the contacts; the first three last from step to step. n points, d columns, c contacts of a
+    point."""
+
+    load_m_s2: FloatArray
+    """Normal contact force over mass of each contact, shape (c, n)."""
+    bristle_m: FloatArray
+    """Elastic part of each contact's sliding, along the grain and across, shape (2, c, n)."""
+    roll_bristle: FloatArray
+    """Elastic part of each point's rolling, shape (n,) [rad]."""
+    rows: FloatArray
+    """Rows of contact: three of each contact, one of rolling where it is resisted, shape (d, lines, n)."""
+    drive: FloatArray
+    """Their right side, shape (lines, n)."""
+    ends: FloatArray
+    """Load, sliding along the grain and across at the end of the step, share of sticking asked for, shape (4, n)."""
+    gap_m: FloatArray
+    """Of each contact at the end of the step if it moves on as it does, shape (c, n)."""
+    normal: FloatArray
+    """Of the ground at each contact, along a and z, shape (2, c, n)."""
+    approach: FloatArray
+    """Velocity of each contact if it moves on: normal, along the grain, across, shape (3, c, n)."""
+    grip: FloatArray
+    """Of each contact: 1 while it carries load; share of sticking; the same for rolling; shape (3, c, n)."""
 
 
 class Work(NamedTuple):
@@ -146,24 +168,10 @@ class Work(NamedTuple):
     """G Δ, shape (7, n)."""
     bias: FloatArray
     """Right side of the inertia rows: −h b and outside forces, shape (7, n)."""
-    contact: FloatArray
-    """Rows of contact: three of each contact, one of rolling where it is resisted, shape (d, lines, n)."""
-    drive: FloatArray
-    """Their right side, shape (lines, n)."""
-    ends: FloatArray
-    """Load, sliding along the grain and across at the end of the step, share of sticking asked for, shape (4, n)."""
     triple: FloatArray
     """Vectors along the tube, shape (4, 3, n)."""
     arm_m: FloatArray
     """Centre of mass from the middle, shape (3,)."""
-    gap_m: FloatArray
-    """Of each contact at the end of the step if it moves on as it does, shape (c, n)."""
-    normal: FloatArray
-    """Of the ground at each contact, along a and z, shape (2, c, n)."""
-    approach: FloatArray
-    """Velocity of each contact if it moves on: normal, along the grain, across, shape (3, c, n)."""
-    grip: FloatArray
-    """Of each contact: 1 while it carries load; share of sticking; the same for rolling; shape (3, c, n)."""
     inertia: FloatArray
     """GᵀG of the inertia rows, shape (d, d)."""
     matrix: FloatArray
@@ -182,12 +190,12 @@ def _line(memory: FloatArray, at: int, size: int) -> tuple[FloatArray, int]:
 
 
 @register_jitable
-def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Work, int]:
+def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Work, int]:
     """The views of a rod's memory, and the length used."""
     modes, points, half, strains = layout.modes, layout.points, layout.half, layout.strains
     columns = layout.columns
     spots = layout.spots
-    contacts = spots * points
+    touches = spots * points
     size, at = 6 + strains, 0
     pairs = modes * (modes - 1) // 2
     position_m, at = _line(memory, at, 3)
@@ -195,9 +203,9 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Work, int]:
     rotation = flat.reshape(3, 3)
     strain, at = _line(memory, at, strains)
     velocity, at = _line(memory, at, size)
-    flat, at = _line(memory, at, contacts)
+    flat, at = _line(memory, at, touches)
     load_m_s2 = flat.reshape(spots, points)
-    flat, at = _line(memory, at, 2 * contacts)
+    flat, at = _line(memory, at, 2 * touches)
     bristle_m = flat.reshape(2, spots, points)
     roll_bristle, at = _line(memory, at, points)
     momentum, at = _line(memory, at, 6)
@@ -209,6 +217,8 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Work, int]:
     modal_rate_1_s2, at = _line(memory, at, size)
     flat, at = _line(memory, at, points * 3)
     push_N = flat.reshape(points, 3)
+    flat, at = _line(memory, at, points * 3)
+    push_N_m = flat.reshape(points, 3)
     gain, at = _line(memory, at, columns)
     root_mass, at = _line(memory, at, points)
     inverse_root, at = _line(memory, at, points)
@@ -257,13 +267,13 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Work, int]:
     flat, at = _line(memory, at, 4 * 3 * points)
     triple = flat.reshape(4, 3, points)
     arm_m, at = _line(memory, at, 3)
-    flat, at = _line(memory, at, contacts)
+    flat, at = _line(memory, at, touches)
     gap_m = flat.reshape(spots, points)
-    flat, at = _line(memory, at, 2 * contacts)
+    flat, at = _line(memory, at, 2 * touches)
     normal = flat.reshape(2, spots, points)
-    flat, at = _line(memory, at, 3 * contacts)
+    flat, at = _line(memory, at, 3 * touches)
     approach = flat.reshape(3, spots, points)
-    flat, at = _line(memory, at, 3 * contacts)
+    flat, at = _line(memory, at, 3 * touches)
     grip = flat.reshape(3, spots, points)
     flat, at = _line(memory, at, columns * columns)
     inertia = flat.reshape(columns, columns)
@@ -273,19 +283,22 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Work, int]:
     mean, at = _line(memory, at, size)
     theta, at = _line(memory, at, size + 1)
     state = State(
-        position_m, rotation, strain, velocity, load_m_s2, bristle_m, roll_bristle, momentum, flag, rest_strain,
-        lagged_1_m, stiffness, modal_rate_1_s2, push_N, gain,
+        position_m, rotation, strain, velocity, momentum, flag, rest_strain, lagged_1_m, stiffness, modal_rate_1_s2,
+        push_N, push_N_m, gain,
     )  # fmt: skip
     rule = Rule(root_mass, inverse_root, outward, mode, integral, turn, turn_pair)
-    work = Work(
-        column, strain_, rotation_, section, place_m, cross, density, swept, rows, rate, foretold, ahead, change, bias, contact, drive, ends,
-        triple, arm_m, gap_m, normal, approach, grip, inertia, matrix, vector, mean, theta,
+    contacts = Contacts(
+        load_m_s2, bristle_m, roll_bristle, contact, drive, ends, gap_m, normal, approach, grip
     )  # fmt: skip
-    return state, rule, work, at
+    work = Work(
+        column, strain_, rotation_, section, place_m, cross, density, swept, rows, rate, foretold, ahead, change, bias,
+        triple, arm_m, inertia, matrix, vector, mean, theta,
+    )  # fmt: skip
+    return state, rule, contacts, work, at
 
 
 def rod_memory(layout: Layout) -> FloatArray:
     """Zeroed memory of the right length for a rod."""
     modes, points, size = layout.modes, layout.points, 6 + layout.strains
     enough = np.zeros(200 * (points + 1) * (modes + 10) + (30 * points + 4 * size + 40) * (size + 6) * layout.spots)
-    return np.zeros(carve(enough, layout)[3])
+    return np.zeros(carve(enough, layout)[4])

@@ -176,7 +176,7 @@ def test_a_helix_is_placed_to_the_accuracy_of_its_quadrature() -> None:
 def test_velocities_are_the_rates_of_the_placed_points(seed: int, modes: int, stretches: bool) -> None:
     twin = rod(modes=modes, stretches=stretches, contact_points=24)
     shaken(twin, seed, 0.5)
-    state, work, rule, n = twin._state, twin._work, twin._rule, 24
+    state, work, rule = twin._state, twin._work, twin._rule
     twin.motion()
     root = rule.root_mass
     velocity = work.rate[:3] / root
@@ -323,7 +323,7 @@ def test_rod_and_segment_twin_agree_on_rolling() -> None:
 def test_a_resting_rod_carries_its_weight_evenly_and_sinks_by_a_hundredth_of_its_radius(step_s: float) -> None:
     twin = rod(world=FLOOR, step_s=step_s)
     twin.advance(round(1.0 / step_s))
-    np.testing.assert_allclose(twin._state.load_m_s2[0], 9.81, rtol=1e-6)
+    np.testing.assert_allclose(twin._contacts.load_m_s2[0], 9.81, rtol=1e-6)
     assert twin.motion().centre_of_mass_m[2] == pytest.approx(0.99 * RADIUS_M, rel=1e-6)
     assert np.linalg.norm(twin.motion().mid_velocity_m_s) < 1e-9
 
