@@ -2,3 +2,7 @@
 
 Knows nothing of a sequencer or a bus.
 """
+
+from sim.run_many import run_many
+
+__all__ = ["run_many"]

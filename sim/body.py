@@ -39,6 +39,7 @@ class Body:
             robot.twisting_stiffness,
             robot.axial_stiffness,
             robot.damping_time_s,
+            robot.ovalisation_m2,
         )
 
     def rest_stiffness(self) -> FloatArray:

@@ -3,18 +3,24 @@
 N segments of equal length; each spherical joint between neighbours carries the bending and twisting stiffness of one
 segment length, and, where the robot stretches, each segment is cut in two halves on a prismatic joint that carries the
 axial stiffness. Joint forces are taken linearly implicitly (`sim.chain`); PyBullet integrates, finds contacts and
-solves Coulomb friction (elliptic cone). On a bare floor a segment touches with one sphere at its centre, so that the
-load is shared equally, as by the mid-point rule along the tube; with other bodies about it is a capsule.
+solves Coulomb friction (elliptic cone). On a bare flat floor a segment touches with one sphere at its centre, so that
+the load is shared equally, as by the mid-point rule along the tube; on a step or a pipe, and with other bodies about,
+it is a capsule. A slope is tilted gravity: axes are those of the floor. Resistance to rolling is PyBullet's rolling
+friction, a moment in proportion to the load; that of the whole weight is M_th.
 
-Left out: shear, and the coupling of stretch and bending in the section's stiffness (the rest strains hold it exactly).
+Left out: shear, the coupling of stretch and bending in the section's stiffness (the rest strains hold it exactly), and
+the friction of other bodies on a robot that has no Coulomb friction on the ground (`sim.scenery`).
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from sim.bodies import OtherBody, names_of
 from sim.body import Body, Motion, World
 from sim.chain import (
     PRISMATIC,
@@ -28,20 +34,24 @@ from sim.chain import (
     place_bodies,
     rotation_of,
 )
-from softbot.errors import SimulationError
+from sim.scenery import NamedPose, add_bodies, add_ground, ground_at, ground_factor, pose_of, robot_factor
+from softbot.errors import InputError, SimulationError
 
 FloatArray = NDArray[np.float64]
 
 _SOLVER_ITERATIONS = 30
 _CONTACT_SINK = 0.01  # static penetration over radius
 _CONTACT_DAMPING_RATIO = 1.0
+_TOUCHING = 1.05  # height of the centre over the radius below which viscous drag acts
 _SPEED_LIMIT = 1e4  # PyBullet clamps joint speeds at 100 unless told otherwise
 
 
 class BulletTwin:
     """PyBullet chain of a robot. Implements `sim.body.Twin`.
 
-    The robot starts straight, at rest, lying on the floor with chamber 0 (e1) to its left, tangent along x.
+    The robot starts straight, at rest, lying on the floor with chamber 0 (e1) to its left, tangent along x. `bodies`:
+    what else is there. Raises InputError for a resistance to rolling that no load could give, and for bodies that start
+    inside each other or the ground; SimulationError for what PyBullet refuses.
     """
 
     def __init__(
@@ -52,7 +62,7 @@ class BulletTwin:
         segments: int,
         step_s: float,
         stretches: bool,
-        other_bodies: bool = False,
+        bodies: Sequence[OtherBody] = (),
         gui: bool = False,
     ) -> None:
         if segments < 2:
@@ -60,16 +70,23 @@ class BulletTwin:
         self._body, self._world, self._step_s = body, world, step_s
         self._segments, self._stretches = segments, stretches
         self._halves = 2 if stretches else 1
-        self._lay_out_chain(other_bodies)
+        self._bodies = tuple(bodies)
+        self._capsules = bool(bodies) or world.ground in ("step", "pipe")
+        self._gravity_m_s2 = world.gravity_vector_m_s2
+        self._rolling_factor = self._rolling_friction()
+        self._lay_out_chain()
         self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
         if self._client < 0:
             raise SimulationError("PyBullet could not open its window: is there a screen? run without --gui")
         try:
             self._build_world()
-            self._build_robot(other_bodies)
+            self._build_robot()
         except pybullet.error as error:
             self.close()
             raise SimulationError(f"PyBullet refused the scene: {error}") from None
+        except InputError:
+            self.close()
+            raise
         self.set_rest(np.array([1.0, 0.0, 0.0]), body.rest_stiffness())
         self._read_state()
 
@@ -80,7 +97,7 @@ class BulletTwin:
 
     # ---------------------------------------------------------------- construction
 
-    def _lay_out_chain(self, other_bodies: bool) -> None:
+    def _lay_out_chain(self) -> None:
         bodies = self._segments * self._halves
         joints = bodies - 1
         body, part_length = self._body, self._body.length_m / bodies
@@ -104,18 +121,17 @@ class BulletTwin:
         self._mass = np.zeros((self._size, self._size))
         self._force = np.zeros(self._size)
         self._outer = np.zeros(self._size)
-        self._weight_N = np.zeros((bodies, 3))
-        self._weight_N[:, 2] = -self._mass_kg * self._world.gravity_m_s2
+        self._weight_N = np.outer(self._mass_kg, self._gravity_m_s2)
         self._drag = np.zeros((self._size, self._size))
-        self._floats = self._world.ground == "none" and not other_bodies
+        self._floats = self._world.ground == "none" and not self._bodies
         self._steps = 0
         self._has_drag = self._world.ground != "none" and self._world.friction_law == "viscous"
 
     def _build_world(self) -> None:
         p, client = pybullet, self._client
         # a robot that nothing touches is computed in the frame that falls with it, where gravity does nothing
-        gravity_m_s2 = 0.0 if self._floats else self._world.gravity_m_s2
-        p.setGravity(0.0, 0.0, -gravity_m_s2, physicsClientId=client)
+        gravity_m_s2 = [0.0, 0.0, 0.0] if self._floats else self._gravity_m_s2.tolist()
+        p.setGravity(*gravity_m_s2, physicsClientId=client)
         p.setPhysicsEngineParameter(
             fixedTimeStep=self._step_s,
             numSolverIterations=_SOLVER_ITERATIONS,
@@ -126,20 +142,10 @@ class BulletTwin:
             contactBreakingThreshold=0.1 * self._body.radius_m,
             physicsClientId=client,
         )
-        if self._world.ground != "none":
-            plane = p.createCollisionShape(p.GEOM_PLANE, planeNormal=[0, 0, 1], physicsClientId=client)
-            floor = p.createMultiBody(0.0, plane, physicsClientId=client)
-            p.changeDynamics(
-                floor,
-                -1,
-                lateralFriction=1.0,
-                restitution=0.0,
-                rollingFriction=0.0,
-                spinningFriction=0.0,
-                physicsClientId=client,
-            )
+        ground = add_ground(client, self._world, for_bodies=bool(self._bodies))
+        self._others = add_bodies(client, self._bodies, self._world, ground)
 
-    def _build_robot(self, other_bodies: bool) -> None:
+    def _build_robot(self) -> None:
         p, client = pybullet, self._client
         bodies, radius = len(self._mass_kg), self._body.radius_m
         length = self._part_length_m[0]
@@ -147,7 +153,7 @@ class BulletTwin:
         def shape(index: int) -> int:
             # the sphere sits at the middle of the whole segment: at the far end of its first half
             centre = 0.0 if index == 0 else 0.5 * length  # link frames sit at their joint, the base's at its centre
-            if other_bodies:
+            if self._capsules:
                 return int(
                     p.createCollisionShape(
                         p.GEOM_CAPSULE,
@@ -186,15 +192,14 @@ class BulletTwin:
             linkJointAxis=[[0.0, 0.0, 1.0]] * links,
             physicsClientId=client,
         )
-        coulomb = self._world.friction if self._world.friction_law == "coulomb" else 0.0
         contact = self._contact_compliance()
         for b in range(bodies):
             p.changeDynamics(
                 self._robot,
                 b - 1,
                 localInertiaDiagonal=self._inertia[b].tolist(),
-                lateralFriction=coulomb,
-                rollingFriction=0.0,
+                lateralFriction=robot_factor(self._world),
+                rollingFriction=self._rolling_factor,
                 spinningFriction=0.0,
                 restitution=0.0,
                 linearDamping=0.0,
@@ -208,7 +213,7 @@ class BulletTwin:
             p.changeDynamics(
                 self._robot, b - 1, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, physicsClientId=client
             )
-            if self._stretches and b % 2 == 1 and not other_bodies:  # only the first half touches; a body without any
+            if self._stretches and b % 2 == 1 and not self._capsules:  # only the first half touches; a body without any
                 p.setCollisionFilterGroupMask(
                     self._robot, b - 1, 0, 0, physicsClientId=client
                 )  # shape loses its inertia
@@ -228,13 +233,26 @@ class BulletTwin:
 
         A rigid contact leaves the sharing of the load between ten spheres on a floor to rounding errors.
         """
-        weight_N = self._body.mass_kg * self._world.gravity_m_s2 / self._segments
+        weight_N = -self._body.mass_kg * float(self._gravity_m_s2[2]) / self._segments
         if self._world.ground == "none" or weight_N <= 0.0:
             return {}
         stiffness_N_m = weight_N / (_CONTACT_SINK * self._body.radius_m)
         segment_kg = self._body.mass_kg / self._segments
         damping_N_s_m = 2.0 * _CONTACT_DAMPING_RATIO * np.sqrt(stiffness_N_m * segment_kg)
         return {"contactStiffness": stiffness_N_m, "contactDamping": float(damping_N_s_m)}
+
+    def _rolling_friction(self) -> float:
+        """Factor of rolling friction [m] that gives the whole robot's weight the moment M_th."""
+        moment_N_m = self._world.rolling_resistance_N_m
+        load_N = -self._body.mass_kg * float(self._gravity_m_s2[2])
+        if moment_N_m == 0.0 or self._world.ground == "none":
+            return 0.0
+        if load_N <= 0.0:
+            raise InputError(
+                f"world.rolling_resistance_N_m = {moment_N_m:g}: the segment twin has it from the load on the floor, "
+                'and without gravity there is none; set it to 0, or take solver.twin = "rod"'
+            )
+        return float(moment_N_m / load_N / ground_factor(self._world))
 
     # ---------------------------------------------------------------- the twin's contract
 
@@ -354,6 +372,11 @@ class BulletTwin:
         axes = np.vstack([self._rotation[0, :, 0], self._rotation[1:, :, 0], self._rotation[-1, :, 0]])
         return points, axes
 
+    def bodies(self) -> list[NamedPose]:
+        """Name, centre [m] and orientation (x, y, z, w) of each of the other bodies now."""
+        poses = [pose_of(self._client, number) for number in self._others]
+        return [(name, *pose) for name, pose in zip(names_of(self._bodies), poses, strict=True)]
+
     def close(self) -> None:
         """Disconnect from PyBullet."""
         if self._client >= 0:
@@ -426,8 +449,8 @@ class BulletTwin:
         """How far and how fast the frame of a floating robot has fallen, shapes (3,) [m], [m/s]."""
         if not self._floats:
             return np.zeros(3), np.zeros(3)
-        t_s, gravity_m_s2 = self._steps * self._step_s, self._world.gravity_m_s2
-        return np.array([0.0, 0.0, -0.5 * gravity_m_s2 * t_s**2]), np.array([0.0, 0.0, -gravity_m_s2 * t_s])
+        t_s = self._steps * self._step_s
+        return 0.5 * t_s**2 * self._gravity_m_s2, t_s * self._gravity_m_s2
 
     def _mean_strain(self) -> tuple[float, FloatArray]:
         mean = np.empty(3)
@@ -448,29 +471,31 @@ class BulletTwin:
     def _viscous_drag(self) -> None:
         """Drag of the floor in joint coordinates: each segment's lowest point slides through c·length."""
         self._drag[:, :] = 0.0
-        touching = 1.05 * self._body.radius_m
+        radius_m = self._body.radius_m
         drag_N_s_m = self._world.friction * self._body.length_m / self._segments
-        row = np.zeros((2, self._size))
+        row = np.zeros((3, self._size))
         for b in range(0, len(self._mass_kg), self._halves):
             point = self._centre[b].copy()
             if self._stretches:
                 point += 0.5 * self._part_length_m[b] * self._rotation[b, :, 2]
-            if point[2] > touching:
+            height_m, normal = ground_at(self._world, point)
+            if height_m > _TOUCHING * radius_m:
                 continue
-            point[2] -= self._body.radius_m
+            point -= radius_m * normal
             row[:, :] = 0.0
-            row[0, 0] = row[1, 1] = 1.0
+            row[0, 0] = row[1, 1] = row[2, 2] = 1.0
             arm = point - self._centre[0]
-            row[:, 3:6] = [[0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]]]
+            row[:, 3:6] = [[0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]], [arm[1], -arm[0], 0.0]]
             for a in range(1, b + 1):
                 d = self._first_dof[a - 1]
                 if self._joint_kind[a - 1] == SPHERICAL:
                     arm = point - self._joint[a]
                     for k in range(3):
-                        row[:, d + k] = np.cross(self._rotation[a, :, k], arm)[:2]
+                        row[:, d + k] = _cross(self._rotation[a, :, k], arm)
                 else:
-                    row[:, d] = self._rotation[a, :2, 2]
-            self._drag += drag_N_s_m * row.T @ row
+                    row[:, d] = self._rotation[a, :, 2]
+            sliding = row - np.outer(normal, normal @ row)
+            self._drag += drag_N_s_m * sliding.T @ sliding
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from sim.body import Body, Motion, World
@@ -168,6 +167,13 @@ class RodTwin:
         """Rouse a sleeping robot: something outside it has changed."""
         self._state.flag[ASLEEP] = self._state.flag[RESTED] = 0.0
 
+    def halt(self) -> None:
+        """Take away all speed, and with it the momentum: the robot stands still where it is."""
+        state = self._state
+        state.velocity[:] = state.momentum[:] = 0.0
+        state.gain[:] = 0.0
+        self.wake()
+
     def set_rest(self, strain: FloatArray, stiffness: FloatArray) -> None:
         """Rest strains (ℓ, k1, k2) and section stiffness (3, 3), held until the next call."""
         length, state = self._body.length_m, self._state
@@ -301,7 +307,7 @@ class RodTwin:
         mass = rows @ rows.T
         if base:
             across = mass[base:, :base]
-            mass = mass[base:, base:] - across @ scipy.linalg.solve(mass[:base, :base], across.T, assume_a="pos")
+            mass = mass[base:, base:] - across @ np.linalg.solve(mass[:base, :base], across.T)
         rates = self._state.modal_rate_1_s2
         for at, column in enumerate(columns[base:]):
             rates[column] = self._state.stiffness[column - 6, column - 6] / max(mass[at, at], 1e-300)

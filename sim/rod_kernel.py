@@ -850,7 +850,7 @@ def _change_rest(
 
 
 def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, fastmath=FAST_MATH)
+    @njit(cache=True, nogil=True, fastmath=FAST_MATH)
     def play(
         memory: FloatArray,
         layout: Layout,

@@ -13,17 +13,25 @@ from typing import Any, Literal, Self
 import pydantic
 from pydantic import Field
 
+from sim.bodies import OtherBody, check_bodies
 from softbot.errors import InputError
 from softbot.faults import Fault
 from softbot.robot import Robot, robot_from, robot_table
 from softbot.toml_file import STRICT, Table, check, override, read_toml
+from softbot.tube import strain_difference_from_curvature
 
 CONTROL_PERIOD_S = 0.01
-"""Period of the bus and of telemetry [s]; the step of every twin divides it."""
+"""Period of the bus and of telemetry [s]; a twin's step divides it, or is a whole number of them (given drives)."""
 
 
 def steps_per_period(step_s: float) -> int:
-    """Steps of the twin in one control period. Raises InputError when the step does not divide it."""
+    """Steps of the twin in one sample: those in a control period, or one where a step is a whole number of periods.
+
+    Raises InputError for any other step.
+    """
+    periods = round(step_s / CONTROL_PERIOD_S)
+    if periods > 1 and abs(periods * CONTROL_PERIOD_S - step_s) <= 1e-9:
+        return 1
     steps = round(CONTROL_PERIOD_S / step_s)
     if steps < 1 or abs(steps * step_s - CONTROL_PERIOD_S) > 1e-9:
         raise InputError(
@@ -31,6 +39,11 @@ def steps_per_period(step_s: float) -> int:
             "take 0.01, 0.005, 0.0025, 0.002, 0.001 …"
         )
     return steps
+
+
+def sample_period_s(step_s: float) -> float:
+    """Time between samples of the telemetry [s]: the control period, or the step where that is longer."""
+    return max(CONTROL_PERIOD_S, step_s)
 
 
 class Drive(pydantic.BaseModel):
@@ -181,6 +194,7 @@ class Scene(pydantic.BaseModel):
     drive: Drive
     world: WorldTable = WorldTable()
     fault: tuple[Fault, ...] = ()
+    body: tuple[OtherBody, ...] = ()
     sequencer: SequencerTable = SequencerTable()
     solver: Solver = Solver()
     metrics: Metrics = Metrics()
@@ -214,9 +228,59 @@ class Scene(pydantic.BaseModel):
         return self
 
     @pydantic.model_validator(mode="after")
+    def _robot_does_it(self) -> Self:
+        kind, robot = self.drive.kind, self.robot
+        if kind in ("pressure", "sequencer") and robot.actuation == "muscle":
+            raise ValueError(
+                f'drive.kind = "{kind}": presses chambers, and robot.actuation = "muscle" has none; take "contraction" '
+                'or "curvature"'
+            )
+        if robot.tube is not None and self.solver.twin == "bullet":
+            raise ValueError('solver.twin = "bullet": its segments do not ovalise as a robot.tube does; take "rod"')
+        if kind != "contraction":
+            return self
+        if robot.tube is None or robot.scaled_pressure is None or self.drive.contraction is None:
+            raise ValueError(
+                'drive.kind = "contraction": what a contraction bends follows from the wall; give the robot a [tube]'
+            )
+        tightest_1_m = min(2.0 * math.pi / robot.length_m, 1.0 / robot.radius_m)
+        if tightest_1_m < robot.kink_curvature_1_m:  # else it kinks first, which the run reports
+            most = strain_difference_from_curvature(
+                tightest_1_m * robot.radius_m, robot.scaled_pressure, robot.tube.poisson_ratio
+            )
+            if self.drive.contraction >= most:
+                raise ValueError(
+                    f"drive.contraction = {self.drive.contraction:g}: bends a tube of {robot.length_m:g} m by more "
+                    f"than a full circle, or folds its inner side; stay below {most:.3g}"
+                )
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _has_room(self) -> Self:
+        world, robot = self.world, self.robot
+        if world.ground == "step" and abs(world.step_distance_m) < robot.radius_m:
+            raise ValueError(
+                f"world.step_distance_m = {world.step_distance_m:g}: the robot starts inside the step; put the riser "
+                f"at {robot.radius_m:g} m or more to either side"
+            )
+        check_bodies(self.body, world, robot.length_m, robot.radius_m)
+        if self.body and self.solver.question == "equilibrium":
+            raise ValueError(
+                'solver.question = "equilibrium": is answered for a robot alone; remove the [[body]] tables, or '
+                'ask for "motion"'
+            )
+        return self
+
+    @pydantic.model_validator(mode="after")
     def _solvable(self) -> Self:
-        if self.solver.step_s is not None:
-            steps_per_period(self.solver.step_s)
+        step_s = self.solver.step_s
+        if step_s is not None:
+            steps_per_period(step_s)
+            if step_s > CONTROL_PERIOD_S + 1e-9 and self.drive.kind in ("pressure", "sequencer"):
+                raise InputError(
+                    f"solver.step_s = {step_s:g}: longer than the control period of {CONTROL_PERIOD_S:g} s, in which "
+                    f'valves are commanded; only drive.kind "curvature" and "contraction" can do without'
+                )
         return self
 
     @property

@@ -2,6 +2,10 @@
 
 Nothing here sees a twin or a sequencer: rolled revolutions, displacement, stalls and the rest follow from the recorded
 trajectory, detections and recoveries from the events that were recorded beside it.
+
+What is measured over the steady part of a run (`revolutions`, `displacement_m`, `advance_per_revolution_m`,
+`plane_rotation_rad`) is null for a run that ended before it, whose `steady_span_s` is 0. `energy_gain_J` is null for a
+twin that does not tell its energy.
 """
 
 from __future__ import annotations
@@ -24,10 +28,32 @@ from softbot.faults import EMPTIES_CHAMBER
 
 SUMMARY_SCHEMA = "softbot-summary-1"
 
+SUMMARY_COLUMNS = frozenset(
+    {
+        "t_s",
+        "roll_rad",
+        "com_x_m",
+        "com_y_m",
+        "bend_rad",
+        "bend_direction_rad",
+        "plane_rotation_rad",
+        "angular_momentum_kg_m2_s",
+        "energy_J",
+        "work_J",
+        "sharpest_curvature_1_m",
+        "penetration_m",
+        "asleep",
+    }
+)
+"""Columns of the telemetry that the metrics read, and the deepest penetration for those who check it."""
+
 STALL_WINDOW_S = 1.2
 STALL_ROLL_RAD = 0.3
 """A robot whose roll spans less than this over the window has stalled: it may rock a little, but does not get on."""
 _BENT_RAD = 0.15
+_ROLLED_RAD = 0.5  # from its first place: it was rolling
+
+Columns = dict[str, NDArray[np.float64]]
 
 
 @dataclass
@@ -53,7 +79,12 @@ def summarise(scene: Scene, telemetry: pa.Table, events: Events, cost: Cost, out
     column = _columns(telemetry)
     t_s, roll = column["t_s"], column["roll_rad"]
     steady = t_s >= scene.steady_after_s - 1e-9
-    moved = {"revolutions": 0.0, "displacement_m": [0.0, 0.0], "plane_rotation_rad": 0.0, "steady_span_s": 0.0}
+    moved: dict[str, Any] = {
+        "revolutions": None,
+        "displacement_m": [None, None],
+        "plane_rotation_rad": None,
+        "steady_span_s": 0.0,
+    }
     advance = None
     if steady.sum() >= 2:
         first, last = int(np.argmax(steady)), len(t_s) - 1
@@ -83,6 +114,9 @@ def summarise(scene: Scene, telemetry: pa.Table, events: Events, cost: Cost, out
         "total_revolutions": float(roll[-1] - roll[0]) / (2.0 * math.pi) if len(roll) else 0.0,
         "bend_rad": float(column["bend_rad"][-1]) if len(t_s) else None,
         "angular_momentum_max_kg_m2_s": _largest(column["angular_momentum_kg_m2_s"]),
+        "energy_gain_J": energy_gain_J(column),
+        "asleep_s": asleep_s(column),
+        "kinks": find_kinks(column, scene.robot.kink_curvature_1_m),
         "stalls": [asdict(stall) for stall in find_stalls(column, events.faults)],
         "faults": events.faults,
         "detections": matched["detections"],
@@ -90,6 +124,32 @@ def summarise(scene: Scene, telemetry: pa.Table, events: Events, cost: Cost, out
         "false_alarms": matched["false_alarms"],
         "missed_faults": matched["missed_faults"],
     }
+
+
+def energy_gain_J(column: Columns) -> float | None:
+    """The most by which energy ever stood above the first sample's and the actuators' work since [J].
+
+    Energy is kinetic, elastic and that of the weight; a passive robot can only lose it, so this is at most what the
+    integration and the floor's springs, which are left out of it, add. None where the twin does not tell its energy.
+    """
+    gained = column["energy_J"] - column["work_J"]
+    gained = gained[np.isfinite(gained)]
+    return float((gained - gained[0]).max()) if len(gained) else None
+
+
+def asleep_s(column: Columns) -> float:
+    """How long the robot slept [s]: nothing moved, and nothing was computed."""
+    since_last = np.diff(column["t_s"], prepend=0.0)
+    return float(since_last[column["asleep"] == 1].sum())
+
+
+def find_kinks(column: Columns, kink_curvature_1_m: float) -> list[dict[str, float]]:
+    """Times from which the tube was bent beyond its kink, each with the sharpest curvature before it was not."""
+    kinks = []
+    for first, end in _stretches(column["sharpest_curvature_1_m"] > kink_curvature_1_m):
+        sharpest = float(column["sharpest_curvature_1_m"][first:end].max())
+        kinks.append({"t_s": float(column["t_s"][first]), "curvature_1_m": sharpest})
+    return kinks
 
 
 @dataclass(frozen=True)
@@ -102,7 +162,7 @@ class Stall:
     theta_rad: float
 
 
-def find_stalls(column: dict[str, NDArray[np.float64]], faults: list[dict[str, Any]]) -> list[Stall]:
+def find_stalls(column: Columns, faults: list[dict[str, Any]]) -> list[Stall]:
     """Times at which a bent robot that had rolled stopped rolling; `until_s` is when it went on (or the end)."""
     t_s, roll, bend = column["t_s"], column["roll_rad"], column["bend_rad"]
     if len(t_s) < 3:
@@ -113,29 +173,20 @@ def find_stalls(column: dict[str, NDArray[np.float64]], faults: list[dict[str, A
     spans = np.lib.stride_tricks.sliding_window_view(roll, window)
     still = (spans.max(axis=1) - spans.min(axis=1) < STALL_ROLL_RAD) & (bend[: len(spans)] > _BENT_RAD)
     stalls: list[Stall] = []
-    index, rolled = 0, False
-    while index < len(still):
-        if not still[index]:
-            rolled = rolled or abs(roll[index] - roll[0]) > 0.5
-            index += 1
-            continue
-        end = index
-        while end + 1 < len(still) and still[end + 1]:
-            end += 1
-        if rolled:
-            last = min(end + window - 1, len(t_s) - 1)
-            rest = roll[(index + last) // 2 : (index + last) // 2 + window // 2]
-            inside = np.abs(roll[index : last + 1] - 0.5 * (rest.min() + rest.max())) <= 0.5 * np.ptp(rest) + 0.02
-            stopped, until = index + int(np.argmax(inside)), last - int(np.argmax(inside[::-1]))
-            dead = [f for f in faults if f["t_s"] <= t_s[stopped] and f["kind"] in EMPTIES_CHAMBER]
-            chamber, theta = -1, math.nan
-            if dead:
-                chamber = int(dead[-1]["chamber"])
-                theta = wrapped(
-                    CHAMBER_ANGLES_RAD[chamber] - float(column["bend_direction_rad"][(stopped + until) // 2])
-                )
-            stalls.append(Stall(float(t_s[stopped]), float(t_s[until]), chamber, theta))
-        index = end + 1
+    moved_on = np.flatnonzero(~still & (np.abs(roll[: len(still)] - roll[0]) > _ROLLED_RAD))
+    for first, end in _stretches(still):
+        if len(moved_on) == 0 or moved_on[0] > first:
+            continue  # it has not rolled yet
+        last = min(end - 1 + window - 1, len(t_s) - 1)
+        rest = roll[(first + last) // 2 : (first + last) // 2 + window // 2]
+        inside = np.abs(roll[first : last + 1] - 0.5 * (rest.min() + rest.max())) <= 0.5 * np.ptp(rest) + 0.02
+        stopped, until = first + int(np.argmax(inside)), last - int(np.argmax(inside[::-1]))
+        dead = [f for f in faults if f["t_s"] <= t_s[stopped] and f["kind"] in EMPTIES_CHAMBER]
+        chamber, theta = -1, math.nan
+        if dead:
+            chamber = int(dead[-1]["chamber"])
+            theta = wrapped(CHAMBER_ANGLES_RAD[chamber] - float(column["bend_direction_rad"][(stopped + until) // 2]))
+        stalls.append(Stall(float(t_s[stopped]), float(t_s[until]), chamber, theta))
     return stalls
 
 
@@ -180,12 +231,18 @@ def _match(events: Events) -> dict[str, Any]:
     return {"detections": detections, "false_alarms": false_alarms, "missed_faults": len(missed)}
 
 
-def _columns(telemetry: pa.Table) -> dict[str, NDArray[np.float64]]:
-    return {
-        name: telemetry.column(name).to_numpy()
-        for name in telemetry.column_names
-        if not pa.types.is_string(telemetry.schema.field(name).type)
-    }
+def _columns(telemetry: pa.Table) -> Columns:
+    """The columns that the metrics read; NaN for what is null, and for those that an earlier version did not record."""
+    columns = {name: np.full(telemetry.num_rows, np.nan) for name in SUMMARY_COLUMNS}
+    for name in SUMMARY_COLUMNS.intersection(telemetry.column_names):
+        columns[name] = telemetry.column(name).to_numpy().astype(np.float64, copy=False)
+    return columns
+
+
+def _stretches(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and one past the last index of each unbroken stretch in which it holds."""
+    edges = np.flatnonzero(np.diff(holds, prepend=False, append=False))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _largest(values: NDArray[np.float64]) -> float | None:

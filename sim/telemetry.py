@@ -1,6 +1,6 @@
 """Telemetry of a run: one row a sample, safe against a killed process.
 
-Rows go into `telemetry.arrow` (an Arrow stream, flushed every half second, readable at any time); when the run
+Rows go into `telemetry.arrow` (an Arrow stream, a record batch every 50 rows, readable at any time); when the run
 ends it becomes `telemetry.parquet` and the stream is removed. `read_telemetry` reads whichever is there, a stream that
 ends in the middle of a row group included. `shape.parquet` (centre line and section axis, for pictures) likewise.
 """
@@ -35,8 +35,15 @@ TELEMETRY_SCHEMA = pa.schema(
         ("plane_rotation_rad", pa.float64()),
         ("angular_momentum_kg_m2_s", pa.float64()),
         ("supply_Pa", pa.float64()),
+        ("energy_J", pa.float64()),
+        ("work_J", pa.float64()),
+        ("sharpest_curvature_1_m", pa.float64()),
+        ("penetration_m", pa.float64()),
+        ("asleep", pa.float64()),
     ]
 )
+NULLABLE = frozenset({"energy_J", "work_J", "sharpest_curvature_1_m", "penetration_m", "asleep"})
+"""Columns that are null where a twin does not tell them of itself; in the others that is NaN."""
 SHAPE_SCHEMA = pa.schema(
     [("t_s", pa.float64()), ("centreline_m", pa.list_(pa.float32())), ("director", pa.list_(pa.float32()))]
 )
@@ -63,18 +70,26 @@ class TableWriter:
         if len(self._rows) >= self._flush_rows:
             self._flush()
 
+    def add_batch(self, batch: pa.RecordBatch) -> None:
+        """Many rows, on disk at once. Raises SimulationError when the disk is full."""
+        self._flush()
+        self._write(batch)
+
     def _flush(self) -> None:
         if not self._rows:
             return
+        self._write(pa.RecordBatch.from_pylist(self._rows, schema=self._schema))
+        self._rows.clear()
+
+    def _write(self, batch: pa.RecordBatch) -> None:
         try:
-            self._stream.write_batch(pa.RecordBatch.from_pylist(self._rows, schema=self._schema))
+            self._stream.write_batch(batch)
             self._file.flush()
         except OSError as error:
             raise SimulationError(
                 f"{self._stream_path}: cannot be written: {error.strerror or error}; free some space. "
                 "What was recorded before is kept"
             ) from None
-        self._rows.clear()
 
     def close(self) -> None:
         """Finish the stream and turn it into Parquet; the stream goes only when the Parquet file stands."""

@@ -4,13 +4,18 @@ The same keys stand in a scene's `[robot]` table and in a robot file written by 
 mechanical only (length, radius, mass, bending stiffness: enough for given curvatures) or has an `[actuator]`, from
 which its bending stiffness follows. A mechanical robot that is driven by pressure gets the default section, with the
 modulus that gives its bending stiffness.
+
+In place of its bending stiffness a mechanical robot may state a `[tube]`: a thin wall under internal pressure that
+ovalises as it bends and kinks in the end (the paper's law of the larva, `softbot.tube`). `actuation` says whether what
+drives it elongates its side (chambers) or contracts it (muscles).
 """
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import pydantic
 from pydantic import Field
@@ -22,9 +27,13 @@ from softbot.material import MATERIALS, MaterialName
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import SensorParameters
 from softbot.toml_file import STRICT, Table, check, read_toml, write_toml
+from softbot.tube import Tube, scaled_pressure
 
 ROBOT_SCHEMA = "softbot-robot-1"
-DEFAULT_ROBOT = "default"
+SHIPPED_ROBOTS = {"default": "default_robot.toml", "larva": "larva.toml"}
+"""Robots that a scene may name without a file of its own → their file in the package's data."""
+
+Actuation = Literal["chamber", "muscle"]
 
 Gains = tuple[float, float, float, float]
 
@@ -48,6 +57,29 @@ class Actuator(pydantic.BaseModel):
     max_pressure_Pa: float = Field(120e3, gt=0, le=1e8, description="highest gauge pressure of a chamber, in pascals")
 
 
+class TubeWall(pydantic.BaseModel):
+    """The `[tube]` table: a thin wall under internal pressure, whose section ovalises as it bends.
+
+    The pressure is stated as it is or scaled, p̄ = pR(1 − ν²)/(E₀h): one of the two.
+    """
+
+    model_config = STRICT
+
+    wall_thickness_m: float = Field(gt=0, le=10, description="thickness of the wall, in metres")
+    youngs_modulus_Pa: float = Field(gt=0, le=1e12, description="Young's modulus of the wall, in pascals")
+    poisson_ratio: float = Field(0.5, gt=-1, le=0.5, description="of the wall, without unit")
+    internal_pressure_Pa: float | None = Field(None, gt=0, le=1e12, description="pressure inside, gauge, in pascals")
+    scaled_pressure: float | None = Field(
+        None, gt=0, le=1e6, description="pressure inside over E₀h/(R(1 − ν²)), without unit"
+    )
+
+    @pydantic.model_validator(mode="after")
+    def _one_pressure(self) -> Self:
+        if (self.internal_pressure_Pa is None) == (self.scaled_pressure is None):
+            raise ValueError("give one of internal_pressure_Pa and scaled_pressure: without pressure a thin wall kinks")
+        return self
+
+
 class Robot(pydantic.BaseModel):
     """One robot. Units are in the names; pressures are gauge."""
 
@@ -59,18 +91,23 @@ class Robot(pydantic.BaseModel):
     radius_m: float = Field(gt=0, le=10, description="outer radius, in metres")
     mass_kg: float = Field(gt=0, le=1e4, description="mass of the whole robot, in kilograms")
     bending_stiffness_N_m2: float | None = Field(
-        None, gt=0, le=1e9, description="EI, in N m²; leave out with an [actuator]"
+        None, gt=0, le=1e9, description="EI, in N m²; leave out with an [actuator] or a [tube]"
     )
     twisting_stiffness_N_m2: float | None = Field(
-        None, gt=0, le=1e9, description="GJ, in N m²; default: EI·2/3 (incompressible)"
+        None, gt=0, le=1e9, description="GJ, in N m²; default: EI·2/3 (incompressible), or that of the [tube]"
     )
     axial_stiffness_N: float | None = Field(
-        None, gt=0, le=1e12, description="EA, in newtons; default: from EI and the section"
+        None, gt=0, le=1e12, description="EA, in newtons; default: from EI and the section, or that of the [tube]"
     )
     damping_time_s: float = Field(
         0.02, ge=0, le=100, description="Kelvin–Voigt: damping = stiffness × this time, in seconds"
     )
+    actuation: Actuation = Field("chamber", description="chamber: elongates its side; muscle: contracts it")
+    segments: int = Field(
+        1, ge=1, le=10_000, description="parts between whose ends the muscles span, for the moments in closed form"
+    )
     actuator: Actuator | None = None
+    tube: TubeWall | None = None
     pneumatics: PneumaticsParameters = PneumaticsParameters()
     sensors: SensorParameters = SensorParameters()
     provenance: dict[str, str] = Field(default_factory=dict, description="where the numbers come from")
@@ -81,20 +118,60 @@ class Robot(pydantic.BaseModel):
             raise ValueError(
                 f"schema {self.schema_!r} is not {ROBOT_SCHEMA!r}: calibrate the robot again with this version"
             )
-        if self.bending_stiffness_N_m2 is None and self.actuator is None:
-            raise ValueError("bending_stiffness_N_m2: missing; give it, or an [actuator] from which it follows")
-        if self.bending_stiffness_N_m2 is not None and self.actuator is not None:
-            raise ValueError("bending_stiffness_N_m2: follows from the [actuator]; give one of the two")
+        if self.bending_stiffness_N_m2 is None and self.actuator is None and self.tube is None:
+            raise ValueError(
+                "bending_stiffness_N_m2: missing; give it, or an [actuator] or a [tube] that it follows from"
+            )
+        if self.actuator is not None and self.tube is not None:
+            raise ValueError(
+                "tube: its wall and that of the [actuator] are two laws of one section; give one of the two"
+            )
+        source = "[actuator]" if self.actuator is not None else "[tube]"
+        if self.bending_stiffness_N_m2 is not None and (self.actuator is not None or self.tube is not None):
+            raise ValueError(f"bending_stiffness_N_m2: follows from the {source}; give one of the two")
+        if self.actuator is not None and self.actuation == "muscle":
+            raise ValueError('actuation = "muscle": the [actuator] table is about chambers; leave one of the two out')
         if 2.0 * self.radius_m > self.length_m:
             raise ValueError(
                 f"radius_m = {self.radius_m:g} is over half of length_m = {self.length_m:g}: this is no slender tube"
             )
-        if self.actuator is not None:
-            try:
-                self.actuator_law()
-            except InputError as error:
-                raise ValueError(f"actuator: {error}") from None
+        for table, law in (("actuator", self.actuator_law), ("tube", self.thin_tube)):
+            if getattr(self, table) is not None:
+                try:
+                    law()
+                except InputError as error:
+                    raise ValueError(f"{table}: {error}") from None
         return self
+
+    def thin_tube(self) -> Tube | None:
+        """The thin-walled tube of `[tube]`; None for a robot without one."""
+        if self.tube is None:
+            return None
+        wall = self.tube
+        return Tube(self.radius_m, wall.wall_thickness_m, wall.youngs_modulus_Pa, wall.poisson_ratio)
+
+    @property
+    def scaled_pressure(self) -> float | None:
+        """p̄ of the `[tube]`, without unit; None for a robot without one."""
+        tube = self.thin_tube()
+        if tube is None or self.tube is None:
+            return None
+        if self.tube.scaled_pressure is not None:
+            return self.tube.scaled_pressure
+        assert self.tube.internal_pressure_Pa is not None
+        return scaled_pressure(tube, self.tube.internal_pressure_Pa)
+
+    @property
+    def ovalisation_m2(self) -> float:
+        """a = 3R²/(8p̄) of the bending moment EI(κ − aκ³) [m²]; 0 for a section that keeps its shape (no `[tube]`)."""
+        pressure = self.scaled_pressure
+        return 0.0 if pressure is None else 3.0 * self.radius_m**2 / (8.0 * pressure)
+
+    @property
+    def kink_curvature_1_m(self) -> float:
+        """Curvature 1/√(3a) at which the tube kinks [1/m]: κ̄c = √(8p̄/9); infinite without a `[tube]`."""
+        softening = self.ovalisation_m2
+        return 1.0 / math.sqrt(3.0 * softening) if softening else math.inf
 
     def cross_section(self) -> CrossSection:
         """The section of the actuator, or the default one of the same radius."""
@@ -108,10 +185,7 @@ class Robot(pydantic.BaseModel):
         if self.actuator is not None:
             a = self.actuator
             return ActuatorLaw(section, a.law, a.modulus_Pa, a.stiffening_Pa, a.gains, a.dead_band_Pa)
-        assert self.bending_stiffness_N_m2 is not None
-        modulus_Pa = self.bending_stiffness_N_m2 / (
-            MATERIALS["neo-hookean"].modulus_ratio * section.bending_area_moment_m4
-        )
+        modulus_Pa = self.bending_stiffness / (MATERIALS["neo-hookean"].modulus_ratio * section.bending_area_moment_m4)
         return ActuatorLaw(section, "neo-hookean", modulus_Pa)
 
     @property
@@ -127,19 +201,30 @@ class Robot(pydantic.BaseModel):
 
     @property
     def bending_stiffness(self) -> float:
-        """EI of the unloaded section [N m²], stated or from the actuator."""
+        """EI of the unloaded section [N m²], stated or from the tube or the actuator."""
         if self.bending_stiffness_N_m2 is not None:
             return self.bending_stiffness_N_m2
+        tube = self.thin_tube()
+        if tube is not None:
+            return tube.bending_stiffness_N_m2
         return self.actuator_law().rest_bending_stiffness_N_m2
 
     @property
     def twisting_stiffness(self) -> float:
-        """GJ [N m²]; default 2/3 EI: G = E/3 of an incompressible wall, and J = 2 I."""
-        return self.twisting_stiffness_N_m2 or 2.0 / 3.0 * self.bending_stiffness
+        """GJ [N m²]; default 2/3 EI: G = E/3 of an incompressible wall, and J = 2 I.
+
+        Of a tube: G = E₀/(2(1 + ν)) and J = 2πR³h, so GJ = (1 − ν) EI, the wall's EI being πE₀R³h/(1 − ν²).
+        """
+        if self.twisting_stiffness_N_m2 is not None:
+            return self.twisting_stiffness_N_m2
+        return (2.0 / 3.0 if self.tube is None else 1.0 - self.tube.poisson_ratio) * self.bending_stiffness
 
     @property
     def axial_stiffness(self) -> float:
-        """EA of the unloaded section [N]."""
+        """EA of the unloaded section [N]; of a tube 2πE₀Rh, as in its axial strain pR/(2E₀h)."""
+        tube = self.thin_tube()
+        if tube is not None and self.axial_stiffness_N is None:
+            return 2.0 * math.pi * tube.youngs_modulus_Pa * tube.radius_m * tube.wall_thickness_m
         section = self.cross_section()
         return self.axial_stiffness_N or self.bending_stiffness * section.wall_area_m2 / section.bending_area_moment_m4
 
@@ -153,16 +238,16 @@ class Robot(pydantic.BaseModel):
 
 
 def robot_table(name: str, folder: Path) -> tuple[Table, str]:
-    """The tables of a robot named in a scene (a path from the scene's folder, or "default") and their source."""
+    """The tables of a robot named in a scene (a path from its folder, "default" or "larva") and their source."""
     path = folder / name
-    if name == DEFAULT_ROBOT and not path.exists():
-        with resources.as_file(resources.files("softbot") / "data" / "default_robot.toml") as shipped:
-            return read_toml(shipped), "default robot"
+    if name in SHIPPED_ROBOTS and not path.exists():
+        with resources.as_file(resources.files("softbot") / "data" / SHIPPED_ROBOTS[name]) as shipped:
+            return read_toml(shipped), f"{name} robot"
     return read_toml(path), str(path)
 
 
 def load_robot(path: Path | str) -> Robot:
-    """A robot from its file, or the shipped one for "default". Raises InputError that names file, key and mend."""
+    """A robot from its file, or a shipped one ("default", "larva"). Raises InputError that names file, key and mend."""
     table, source = robot_table(str(path), Path())
     return check(Robot, table, source)
 

@@ -12,6 +12,7 @@ from softbot.cli.bench import bench
 from softbot.cli.calibrate import calibrate
 from softbot.cli.demo import demo
 from softbot.cli.exit_status import with_exit_status
+from softbot.cli.figure import figure
 from softbot.cli.plant import plant
 from softbot.cli.pressure_loop import pressure_loop
 from softbot.cli.report import report
@@ -36,6 +37,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "plant": plant,
     "sequence": sequence,
     "bench": bench,
+    "figure": figure,
 }
 for _name, _command in _COMMANDS.items():
     app.command(_name)(with_exit_status(_command))

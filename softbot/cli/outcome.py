@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +32,19 @@ def show(folder: Path) -> None:
 
 def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Names and values with units of the summary's main numbers; what a run does not have is left out."""
+    rest = summary.get("equilibrium")
+    if rest:
+        known = f"found in {rest['iterations']} steps, to {rest['residual']:.1g} of the radius a step"
+        return [("bend", f"{math.degrees(summary['bend_rad']):.2f}°"), ("rest", known)]
     advance_m = summary.get("advance_per_revolution_m")
     factor = summary.get("real_time_factor")
     x_m, y_m = summary["displacement_m"]
-    found = [
-        ("revolutions", f"{summary['revolutions']:+.2f} in {summary['steady_span_s']:.1f} s"),
-        ("moved", f"{100.0 * x_m:+.1f} cm along, {100.0 * y_m:+.1f} cm to the left"),
-    ]
+    found = []
+    if summary["revolutions"] is None:
+        found.append(("revolutions", f"{summary['total_revolutions']:+.2f} in all; it ended before it was steady"))
+    else:
+        found.append(("revolutions", f"{summary['revolutions']:+.2f} in {summary['steady_span_s']:.1f} s"))
+        found.append(("moved", f"{100.0 * x_m:+.1f} cm along, {100.0 * y_m:+.1f} cm to the left"))
     if advance_m is not None:
         found.append(("advance", f"{1e3 * advance_m:.1f} mm per revolution"))
     for fault in summary["faults"]:

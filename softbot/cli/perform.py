@@ -17,17 +17,13 @@ def perform(scene: Scene, folder: Path, *, json: bool, gui: bool = False, wall_c
     """Run a scene into a folder, write its report, and print the outcome (`json`: the summary and nothing else)."""
     import_twin(scene)
     with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
-        with messages().status("preparing (the first run on a machine compiles: up to a minute)"):
-            from softbot.nodes.plant_node import board_limits
-            from softbot.nodes.run import paced, run_scene
-            from softbot.nodes.valve_loop import designed_gains
-            from softbot.nodes.warm_up import warm_up
+        from softbot.cli.compiling import told_of_compiling
 
-            if scene.drive.kind == "sequencer":
-                board_limits(scene.robot)  # refuse what the board would refuse before anything is computed
-            warm_up(scene)
-            if scene.drive.kind != "curvature":
-                designed_gains(scene.robot)  # kept for the run
+        twin = "rod" if scene.solver.twin == "rod" else "segment"
+        with told_of_compiling("preparing", f"compiling the {twin} twin, once on this machine: about 20 s"):
+            prepare(scene)
+        from softbot.nodes.run import paced, run_scene
+
         with kept(folder), progress_bar(f"{scene.name}, {scene.solver.twin} twin", scene.solver.duration_s) as show:
             run_scene(scene, folder, progress=paced(show) if wall_clock else show, gui=gui)
         with messages().status("writing the report"):
@@ -35,6 +31,22 @@ def perform(scene: Scene, folder: Path, *, json: bool, gui: bool = False, wall_c
 
             write_report(folder)
     print_outcome(folder, json=json)
+
+
+def prepare(scene: Scene) -> None:
+    """Import, check and compile what the run will use, so that it starts at once."""
+    from sim.plan import GIVEN
+    from softbot.nodes.warm_up import warm_up
+
+    if scene.drive.kind == "sequencer":
+        from softbot.nodes.plant_node import board_limits
+
+        board_limits(scene.robot)  # refuse what the board would refuse before anything is computed
+    warm_up(scene)
+    if scene.drive.kind not in GIVEN:
+        from softbot.nodes.valve_loop import designed_gains
+
+        designed_gains(scene.robot)  # kept for the run
 
 
 def print_outcome(folder: Path, *, json: bool) -> None:

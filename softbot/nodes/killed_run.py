@@ -18,10 +18,10 @@ import pyarrow.parquet as pq
 from firmware_protocol.codec import decode
 from firmware_protocol.errors import ProtocolError
 from firmware_protocol.trace import read_trace
-from sim.scene import CONTROL_PERIOD_S, Scene, load_scene
+from sim.scene import Scene, load_scene, sample_period_s, steps_per_period
 from sim.summary import Cost, Events, summarise, write_summary
 from sim.telemetry import SHAPE_SCHEMA, TELEMETRY_SCHEMA, read_table
-from sim.twins import BULLET, ROD, steps_per_period
+from sim.twins import chosen_step_s
 from softbot.errors import InputError
 from softbot.nodes.heard import Heard
 from softbot.nodes.lockstep import BUS_LOG
@@ -52,8 +52,9 @@ def finish_killed_run(run_dir: Path) -> dict[str, Any]:
     if telemetry.num_rows == 0:
         raise InputError(f"{run_dir}: the run was killed before its first half second was on disk; run it again")
     end_s = float(telemetry.column("t_s")[-1].as_py())
-    steps = telemetry.num_rows * steps_per_period(_step_s(scene))
-    cost = Cost(steps, telemetry.num_rows * CONTROL_PERIOD_S, math.nan)
+    step_s = chosen_step_s(scene)
+    steps = telemetry.num_rows * steps_per_period(step_s)
+    cost = Cost(steps, telemetry.num_rows * sample_period_s(step_s), math.nan)
     summary = summarise(scene, telemetry, _events(run_dir / BUS_LOG, scene, end_s), cost, KILLED)
     try:
         write_summary(run_dir, summary)
@@ -73,11 +74,6 @@ def _to_parquet(run_dir: Path, name: str, schema: pa.Schema) -> pa.Table:
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     return table
-
-
-def _step_s(scene: Scene) -> float:
-    own = scene.solver
-    return own.step_s or (BULLET if own.twin == "bullet" else ROD)[own.accuracy][0]
 
 
 def _events(path: Path, scene: Scene, end_s: float) -> Events:

@@ -19,7 +19,7 @@ from firmware_protocol.bus import drain, opened, send
 from firmware_protocol.errors import ProtocolError
 from firmware_protocol.frame import Frame
 from firmware_protocol.trace import TraceWriter
-from sim.recorder import Recorder
+from sim.recorder import Record, Recorder
 from sim.run import Progress, RunResult, quiet, run_samples
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin, steps_per_period
@@ -36,6 +36,7 @@ def run_lockstep(
     scene: Scene,
     run_dir: Path | None = None,
     *,
+    record: Record = "all",
     progress: Progress = quiet,
     gui: bool = False,
     sequencer: ChamberSequencer | None = None,
@@ -50,7 +51,7 @@ def run_lockstep(
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
         own = SequencerNode(scene, sequencer)
-        recorder = Recorder(scene, run_dir)
+        recorder = Recorder(scene, run_dir, record=record)
         plant = PlantNode(scene, twin, recorder, gains)
         channel = f"softbot-lockstep-{next(_channels)}"
         board_bus = stack.enter_context(opened("virtual", channel))

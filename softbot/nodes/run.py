@@ -6,26 +6,39 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from sim.plan import GIVEN
+from sim.recorder import Record
 from sim.run import Progress, RunResult, quiet, simulate
 from sim.scene import Scene
-from softbot.nodes.lockstep import run_lockstep
-from softbot.nodes.valve_loop import ValveLoop
 from softbot.nodes.warm_up import warm_up
 
 
-def run_scene(scene: Scene, run_dir: Path | None = None, *, progress: Progress = quiet, gui: bool = False) -> RunResult:
-    """Run a scene, into `run_dir` or (None) into memory.
+def run_scene(
+    scene: Scene,
+    run_dir: Path | None = None,
+    *,
+    record: Record = "all",
+    progress: Progress = quiet,
+    gui: bool = False,
+) -> RunResult:
+    """Run a scene, into `run_dir` or (None) into memory, where `record = "summary"` keeps what the summary needs.
 
-    "curvature": the twin alone; "pressure": the plant with the pressure loop on its valves; "sequencer": plant and
-    sequencer in lock-step on a bus. Raises InputError for a scene that cannot be run, SimulationError when the run
-    fails; when it fails or is interrupted, what was recorded is kept.
+    "curvature" and "contraction": the twin alone; "pressure": the plant with the pressure loop on its valves;
+    "sequencer": plant and sequencer in lock-step on a bus. What a scene has no use for is not imported.
+
+    Raises InputError for a scene that cannot be run, SimulationError when it fails; when it fails or is interrupted,
+    what was recorded is kept.
     """
     warm_up(scene)
-    if scene.drive.kind == "curvature":
-        return simulate(scene, run_dir, progress=progress, gui=gui)
+    if scene.drive.kind in GIVEN:
+        return simulate(scene, run_dir, record=record, progress=progress, gui=gui)
     if scene.drive.kind == "pressure":
-        return simulate(scene, run_dir, valves=ValveLoop(scene.robot), progress=progress, gui=gui)
-    return run_lockstep(scene, run_dir, progress=progress, gui=gui)
+        from softbot.nodes.valve_loop import ValveLoop
+
+        return simulate(scene, run_dir, valves=ValveLoop(scene.robot), record=record, progress=progress, gui=gui)
+    from softbot.nodes.lockstep import run_lockstep
+
+    return run_lockstep(scene, run_dir, record=record, progress=progress, gui=gui)
 
 
 def paced(

@@ -29,6 +29,8 @@ FAULT_WORDS = {
 
 def headline(recording: Recording) -> str:
     """One sentence on the run, and one each for false alarms and for an early end where there were any."""
+    if recording.summary.get("equilibrium"):
+        return f"Comes to rest bent by {math.degrees(recording.columns['bend_rad'][-1]):.1f}°."
     end_s = float(recording.t_s[-1])
     faults = [fault for fault in recording.events("faults") if fault["t_s"] <= end_s]
     first_fault_s = float(faults[0]["t_s"]) if faults else end_s

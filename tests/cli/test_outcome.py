@@ -40,3 +40,15 @@ def test_what_a_run_does_not_have_is_left_out() -> None:
     bare = SUMMARY | {"advance_per_revolution_m": None, "real_time_factor": None}
     bare |= {"faults": [], "detections": [], "recoveries": []}
     assert [name for name, _ in rows(bare)] == ["revolutions", "moved"]
+
+
+def test_run_too_short_to_be_steady_says_so() -> None:
+    short = {
+        "revolutions": None,
+        "displacement_m": [None, None],
+        "advance_per_revolution_m": None,
+        "steady_span_s": 0.0,
+    }
+    told = rows(SUMMARY | short | {"total_revolutions": -0.75})
+    assert told[0] == ("revolutions", "-0.75 in all; it ended before it was steady")
+    assert not {"moved", "advance"} & {name for name, _ in told}

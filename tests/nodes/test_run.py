@@ -11,8 +11,7 @@ import pytest
 
 from controllers.pressure_loop import PressureLoopGains
 from sim.scene import Scene, scene_from
-from softbot.nodes import run as run_module
-from softbot.nodes import valve_loop
+from softbot.nodes import lockstep, valve_loop
 from softbot.nodes.run import paced, run_scene
 
 
@@ -51,7 +50,7 @@ def test_a_sequencer_scene_is_run_in_lock_step(
     make_scene: Callable[..., Scene], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(run_module, "run_lockstep", lambda *args, **options: asked.append((args, options)))
+    monkeypatch.setattr(lockstep, "run_lockstep", lambda *args, **options: asked.append((args, options)))
     scene = make_scene()
     run_scene(scene, tmp_path)
     assert asked[0][0] == (scene, tmp_path)

@@ -11,16 +11,20 @@ import pybullet
 import pytest
 
 from sim import bullet
+from sim.bodies import OtherBody
 from sim.body import Body, World
 from sim.bullet import BulletTwin
 from sim.trajectory import Trajectory
-from softbot.errors import SimulationError
+from softbot.errors import InputError, SimulationError
 from softbot.rolling import floating_ratio
 
 BODY = Body(0.15, 0.01, 0.0518, 3.93e-3, 2.62e-3, 500.0, 0.02)
 FLOOR = World(9.81, "plane", 0.6, "coulomb")
 FLOATING = World(0.0, "none", 0.6, "coulomb")
 STIFFNESS = BODY.rest_stiffness()
+STRAIGHT = np.array([1.0, 0.0, 0.0])
+WALL = {"kind": "box", "size_m": [0.4, 0.04, 0.04], "position_m": [0.0, 0.08], "fixed": True}
+CRATE = {"kind": "box", "size_m": [0.2, 0.04, 0.04], "position_m": [0.0, 0.06], "mass_kg": 0.05, "friction": 0.2}
 
 MakeTwin = Callable[..., BulletTwin]
 
@@ -245,14 +249,140 @@ def test_curvature_of_any_direction_is_held_by_a_stiffness_with_a_preferred_axis
 
 
 def test_among_other_bodies_the_robot_is_a_capsule_chain_that_rests_on_the_floor(make_twin: MakeTwin) -> None:
-    twin = make_twin(FLOOR, other_bodies=True, stretches=True)
+    twin = make_twin(FLOOR, bodies=[OtherBody(**WALL)], stretches=True)
     settle(twin, np.array([1.0, 0.0, 0.0]), 0.5)
     assert abs(twin.motion().centre_of_mass_m[2] - BODY.radius_m) < 0.1 * BODY.radius_m
     shapes = [part[2] for part in pybullet.getCollisionShapeData(twin._robot, -1, physicsClientId=twin._client)]
     assert shapes == [pybullet.GEOM_CAPSULE]
 
 
+# --- slopes, steps, pipes, resistance ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("degrees", "holds"), [(20.0, True), (35.0, False)])
+def test_straight_robot_slides_along_itself_down_a_slope_beyond_the_friction_angle(
+    make_twin: MakeTwin, degrees: float, holds: bool
+) -> None:
+    slope = math.radians(degrees)  # the friction angle of 0.6 is 31°
+    twin = make_twin(World(9.81, "plane", 0.6, "coulomb", slope_rad=slope, slope_heading_rad=0.0))
+    settle(twin, STRAIGHT, 0.5)
+    slid_m = 0.0 if holds else 0.5 * 9.81 * (math.sin(slope) - 0.6 * math.cos(slope)) * 0.5**2
+    assert twin.motion().centre_of_mass_m[0] == pytest.approx(slid_m, abs=2e-5, rel=0.03)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.9, 1.1])
+def test_rolling_resistance_is_the_moment_that_rolling_has_to_overcome(make_twin: MakeTwin, share: float) -> None:
+    """Down a slope the moment is m g R sin(slope), and a full tube rolls at two thirds of what is left of it."""
+    slope = math.radians(10.0)
+    downhill = 9.81 * math.sin(slope)
+    resistance_N_m = share * BODY.mass_kg * downhill * BODY.radius_m
+    world = World(9.81, "plane", 0.6, "coulomb", slope_rad=slope, rolling_resistance_N_m=resistance_N_m)
+    twin = make_twin(world, step_s=0.002)
+    settle(twin, STRAIGHT, 0.5)
+    rolled_m = 0.5 * max(0.0, 1.0 - share) * downhill / 1.5 * 0.5**2
+    assert twin.motion().centre_of_mass_m[1] == pytest.approx(rolled_m, rel=0.08, abs=2e-5)
+
+
+def test_step_is_climbed_where_it_is_low_and_stops_the_robot_where_it_is_high(make_twin: MakeTwin) -> None:
+    heights = {}
+    for step_height_m in (0.001, 0.03):
+        world = World(9.81, "step", 0.6, "coulomb", step_height_m=step_height_m, step_distance_m=0.03)
+        twin = make_twin(world, step_s=0.0025)
+        settle(twin, curved(0.0), 0.5)
+        turn(twin, 2.0, 1.0)
+        heights[step_height_m] = twin.motion().centre_of_mass_m
+    assert heights[0.001][2] == pytest.approx(0.011, abs=0.0005)
+    assert heights[0.001][1] > 0.07
+    assert heights[0.03][1] < 0.03 - BODY.radius_m + 0.001
+
+
+@pytest.mark.parametrize(("axis", "stays"), [("across", True), ("along", False)])
+def test_straight_robot_lies_across_a_pipe_and_rolls_off_one_along_it(
+    make_twin: MakeTwin, axis: str, stays: bool
+) -> None:
+    world = World(9.81, "pipe", 0.6, "coulomb", pipe_radius_m=0.05, pipe_axis=axis)
+    body = Body(0.15, 0.01, 0.0518, 0.5, 0.4, 500.0, 0.02)  # stiff: it does not hang down
+    twin = make_twin(world, body=body, step_s=0.0025)
+    twin.set_rest(STRAIGHT, body.rest_stiffness())
+    pybullet.resetBaseVelocity(twin._robot, [0.0, 0.05, 0.0], [-5.0, 0.0, 0.0], physicsClientId=twin._client)
+    twin._read_state()
+    for _ in range(160):
+        twin.step()
+    centre = twin.motion().centre_of_mass_m
+    assert centre[1] > 0.015
+    if stays:
+        assert centre[2] == pytest.approx(BODY.radius_m, abs=0.05 * BODY.radius_m)
+    else:
+        assert centre[2] < 0.5 * BODY.radius_m
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"ground": "pipe", "pipe_radius_m": 0.1, "pipe_axis": "along"},
+        {"ground": "pipe", "pipe_radius_m": 0.1, "pipe_axis": "across"},
+        {"ground": "step", "step_height_m": 0.003, "step_distance_m": -0.1},
+    ],
+)
+def test_viscous_drag_lies_in_the_ground_whatever_its_shape(make_twin: MakeTwin, changes: dict[str, Any]) -> None:
+    """Sliding along itself a straight robot is slowed by the whole of it, or by what lies on the pipe."""
+    twin = make_twin(World(9.81, friction=2.0, friction_law="viscous", **changes), step_s=0.0025)
+    settle(twin, STRAIGHT, 0.02)
+    twin._viscous_drag()
+    touching = 1.0 if changes.get("pipe_axis") != "across" else 2.0 / twin._segments  # its middle two
+    assert twin._drag[0, 0] == pytest.approx(2.0 * BODY.length_m * touching, rel=0.01)
+    assert twin._drag[2, 2] < 1e-2 * twin._drag[0, 0]
+
+
+# --- other bodies ------------------------------------------------------------
+
+
+def test_rolling_segments_push_a_box_and_stop_at_a_wall(make_twin: MakeTwin) -> None:
+    for table, moves in ((CRATE, True), (WALL, False)):
+        twin = make_twin(FLOOR, bodies=[OtherBody(**table)])
+        settle(twin, curved(0.0), 0.5)
+        turn(twin, 2.0, 1.0)
+        ((name, place, quaternion),) = twin.bodies()
+        assert name == "box-0"
+        assert np.linalg.norm(quaternion) == pytest.approx(1.0)
+        assert (place[1] > table["position_m"][1] + 0.02) == moves
+        points, _ = twin.shape()
+        assert points[:, 1].max() < place[1] - 0.02 - 0.8 * BODY.radius_m
+
+
+def test_body_alone_feels_its_own_friction(make_twin: MakeTwin) -> None:
+    """Sliding at 0.5 m/s it stops after v²/(2µg), whatever the robot's friction is."""
+    sliding = {**CRATE, "position_m": [0.0, 0.3], "velocity_m_s": [0.0, 0.5, 0.0]}
+    for friction in (0.6, 0.05):
+        twin = make_twin(World(9.81, "plane", friction, "coulomb"), bodies=[OtherBody(**sliding)])
+        settle(twin, STRAIGHT, 0.5)
+        assert twin.bodies()[0][1][1] - 0.3 == pytest.approx(0.25 / (2.0 * 0.2 * 9.81), rel=0.03)
+
+
+def test_box_that_hits_a_floating_robot_hands_over_its_momentum(make_twin: MakeTwin) -> None:
+    space = World(0.0, "none", 0.0, "coulomb")
+    box = {**CRATE, "position_m": [0.0, 0.06, 0.0], "velocity_m_s": [0.0, -0.3, 0.0]}
+    twin = make_twin(space, bodies=[OtherBody(**box)], step_s=0.002)
+    settle(twin, STRAIGHT, 0.4)
+    before, box_before = twin.motion().centre_of_mass_m, np.array(twin.bodies()[0][1])
+    settle(twin, STRAIGHT, 0.1)
+    robot_N_s = BODY.mass_kg * (twin.motion().centre_of_mass_m - before) / 0.1
+    box_N_s = 0.05 * (np.array(twin.bodies()[0][1]) - box_before) / 0.1
+    assert robot_N_s[1] < -0.3 * 0.3 * 0.05
+    assert robot_N_s[1] + box_N_s[1] == pytest.approx(-0.05 * 0.3, rel=0.03)
+
+
 # --- refusals ------------------------------------------------------------
+
+
+def test_rolling_resistance_without_a_load_is_refused(make_twin: MakeTwin) -> None:
+    with pytest.raises(InputError, match=r'rolling_resistance_N_m = 0\.001: .* solver\.twin = "rod"'):
+        make_twin(World(0.0, "plane", 0.6, "coulomb", rolling_resistance_N_m=1e-3))
+
+
+def test_bodies_inside_each_other_are_refused(make_twin: MakeTwin) -> None:
+    with pytest.raises(InputError, match=r"box-1 starts .* m inside body\.0 \(box-0\)"):
+        make_twin(FLOOR, bodies=[OtherBody(**WALL), OtherBody(**CRATE)])
 
 
 def test_absurd_command_is_a_simulation_error_and_not_a_number(make_twin: MakeTwin) -> None:

@@ -12,10 +12,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from sim import motion_rows
 from sim.body import Motion
-from sim.recorder import SHAPE_EVERY, Recorder, active_side_rad, samples_of
+from sim.recorder import LEFT_OUT_OF_SUMMARY, SHAPE_EVERY, Recorder, active_side_rad, samples_of
 from sim.scene import Scene, load_scene, scene_from
+from sim.summary import SUMMARY_COLUMNS
 from sim.telemetry import SHAPE_SCHEMA, read_table, read_telemetry
+from sim.trajectory import motion_row
 from softbot.errors import InputError
 
 PRESSURE_Pa = np.array([1e3, 2e3, 3e3, 4e3, 250e3])
@@ -125,6 +128,81 @@ def test_recording_in_memory_and_on_disk_give_the_same_table(scene: Scene, tmp_p
     assert_same(*tables)
 
 
+def rows_of(samples: int, **columns: float) -> np.ndarray:
+    """Rows of a robot that rolls about its tangent."""
+    rows = np.empty((samples, motion_rows.ROW_SIZE))
+    for n in range(samples):
+        rows[n] = motion_row(bent((8.0 * math.cos(0.1 * n), 8.0 * math.sin(0.1 * n))), 0.01 * (n + 1))
+    for name, value in columns.items():
+        rows[:, getattr(motion_rows, name)] = value
+    return rows
+
+
+@pytest.mark.parametrize("cut", [1, 7, 50, 130])
+def test_blocks_are_recorded_as_the_same_samples_one_by_one(scene: Scene, tmp_path: Path, cut: int) -> None:
+    rows = rows_of(130)
+    alone, blocks = Recorder(scene, tmp_path / "alone"), Recorder(scene, tmp_path / "blocks")
+    for n in range(130):
+        k = (8.0 * math.cos(0.1 * n), 8.0 * math.sin(0.1 * n))
+        alone.sample(rows[n, 0], StillTwin(), bent(k), active_rad=0.1 * n, state=f"{n % 3}")  # type: ignore[arg-type]
+    for first in range(0, 130, cut):
+        taken = np.arange(first, min(first + cut, 130))
+        blocks.block(rows[taken], active_rad=0.1 * taken, states=[f"{n % 3}" for n in taken])
+    assert_same(alone.finish(130, 1.3, "done")[1], blocks.finish(130, 1.3, "done")[1])
+    assert (tmp_path / "alone" / "telemetry.parquet").read_bytes() == (
+        tmp_path / "blocks" / "telemetry.parquet"
+    ).read_bytes()
+
+
+def test_block_with_pressures_of_every_sample(scene: Scene) -> None:
+    pressures = np.arange(15.0).reshape(3, 5)
+    recorder = Recorder(scene, None)
+    recorder.block(rows_of(3), pressure_Pa=pressures, command_Pa=pressures[0, :4], states=["", "", ""])
+    _, telemetry = recorder.finish(3, 0.03, "done")
+    assert telemetry["pressure_1_Pa"].to_pylist() == [1.0, 6.0, 11.0]
+    assert telemetry["supply_Pa"].to_pylist() == [4.0, 9.0, 14.0]
+    assert telemetry["command_2_Pa"].to_pylist() == [2.0, 2.0, 2.0]
+
+
+def test_energies_are_null_where_the_twin_does_not_tell_them(scene: Scene) -> None:
+    recorder = Recorder(scene, None)
+    recorder.block(rows_of(2), states=["", ""])
+    told_of = rows_of(3, ENERGY=2.0, WORK=1.5, SHARPEST_CURVATURE=9.0, PENETRATION=1e-6, ASLEEP=1.0)
+    recorder.block(told_of[2:], states=[""])
+    _, telemetry = recorder.finish(3, 0.03, "done")
+    assert telemetry["energy_J"].to_pylist() == [None, None, 2.0]
+    told = ("work_J", "sharpest_curvature_1_m", "penetration_m", "asleep")
+    assert [telemetry[name].to_pylist()[-1] for name in told] == [1.5, 9.0, 1e-6, 1.0]
+
+
+def test_summary_alone_keeps_the_columns_of_the_metrics_and_gives_the_same_summary(scene: Scene) -> None:
+    results = []
+    for kept in ("all", "summary"):
+        recorder = Recorder(scene, None, record=kept)  # type: ignore[arg-type]
+        recorder.block(rows_of(1200, ENERGY=1.0, WORK=0.0), states=["turning"] * 1200)
+        results.append(recorder.finish(1200, 12.0, "done"))
+    (summary, table), (alone, columns) = results
+    assert repr(alone) == repr(summary)
+    assert set(table.column_names) - set(columns.column_names) == set(LEFT_OUT_OF_SUMMARY) - {"shape"}
+    assert set(columns.column_names) == SUMMARY_COLUMNS
+
+
+def test_run_folder_holds_the_whole_run(scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'record = "summary": a run folder holds the whole run'):
+        Recorder(scene, tmp_path / "run", record="summary")
+    assert not (tmp_path / "run").exists()
+
+
+def test_shapes_keep_their_pace_where_samples_are_far_between(scene: Scene, tmp_path: Path) -> None:
+    assert Recorder(scene, None).shape_every is None
+    for sample_s, every in ((0.01, SHAPE_EVERY), (0.02, 2), (0.1, 1)):
+        recorder = Recorder(scene, tmp_path / str(every), sample_s=sample_s)
+        assert recorder.shape_every == every
+        recorder.shape((0.1, 0.2), StillTwin())  # type: ignore[arg-type]
+        recorder.finish(0, 0.0, "done")
+        assert read_table(tmp_path / str(every), "shape", SHAPE_SCHEMA)["t_s"].to_pylist() == [0.1, 0.2]
+
+
 def test_folder_that_cannot_be_made_is_refused_by_name(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"cannot be made: .*; choose another --out"):
@@ -156,3 +234,4 @@ def test_scene_has_at_least_one_sample(scene_table: dict[str, Any]) -> None:
     assert samples_of(scene_from(scene_table, "s", Path())) == 1
     scene_table["solver"]["duration_s"] = 0.5
     assert samples_of(scene_from(scene_table, "s", Path())) == 50
+    assert samples_of(scene_from(scene_table, "s", Path()), 0.02) == 25

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from sim.scene import Scene, load_scene, scene_from
+from sim.scene import Scene, load_scene, sample_period_s, scene_from, steps_per_period
 from softbot.errors import InputError
 from softbot.faults import Fault, FaultKind
 from softbot.toml_file import write_toml
@@ -133,7 +133,10 @@ def test_wrong_robot_file_is_named_itself(tmp_path: Path, scene_table: dict[str,
     [
         ("drive.period_s=0", "drive.period_s = 0: input should be greater than or equal to"),
         ("drive.period_ms=5", "drive.period_ms: unknown key; did you mean period_s? (mind the unit)"),
-        ("drive.kind=wind", "drive.kind = 'wind': input should be 'curvature', 'contraction', 'pressure' or 'sequencer'"),
+        (
+            "drive.kind=wind",
+            "drive.kind = 'wind': input should be 'curvature', 'contraction', 'pressure' or 'sequencer'",
+        ),
         ("drive.kind=pressure", "peak_pressure_Pa: missing"),
         ("drive.direction=2", "drive.direction = 2: input should be 1 or -1"),
         ("drive.curvature_1_m=50", "more than a full circle; at most 41.9"),
@@ -193,3 +196,18 @@ def test_what_does_not_go_together_is_refused(scene_table: dict[str, Any]) -> No
     limit = make(pressed(scene_table)).robot.max_pressure_Pa
     assert make(pressed(scene_table), f"drive.peak_pressure_Pa={0.99 * limit}").drive.peak_pressure_Pa < limit
     assert math.isfinite(limit)
+
+
+@pytest.mark.parametrize(("step_s", "sample_s"), [(0.02, 0.02), (0.05, 0.05), (0.01, 0.01), (0.0025, 0.01)])
+def test_step_of_whole_control_periods_is_a_sample(step_s: float, sample_s: float) -> None:
+    assert sample_period_s(step_s) == sample_s
+    assert steps_per_period(step_s) * step_s == pytest.approx(sample_s)
+
+
+@pytest.mark.parametrize("kind", ["pressure", "sequencer"])
+def test_valves_are_commanded_in_every_control_period(scene_table: dict[str, Any], kind: str) -> None:
+    scene_table["solver"] = {"twin": "rod", "step_s": 0.02}
+    assert scene_from(scene_table, "s.toml", Path()).solver.step_s == 0.02
+    scene_table["drive"] = {"kind": kind, "peak_pressure_Pa": 10.0}
+    with pytest.raises(InputError, match=r"step_s = 0\.02: longer than the control period of 0\.01 s"):
+        scene_from(scene_table, "s.toml", Path())

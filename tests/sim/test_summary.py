@@ -14,8 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.scene import Scene, scene_from
-from sim.summary import STALL_ROLL_RAD, STALL_WINDOW_S, Cost, Events, summarise, write_summary
-from sim.telemetry import TELEMETRY_SCHEMA
+from sim.summary import (
+    STALL_ROLL_RAD,
+    STALL_WINDOW_S,
+    SUMMARY_COLUMNS,
+    Cost,
+    Events,
+    summarise,
+    write_summary,
+)
+from sim.telemetry import NULLABLE, TELEMETRY_SCHEMA
 
 PERIOD_s = 0.01
 RATE_rad_s = 3.0
@@ -98,11 +106,65 @@ def test_robot_that_does_not_roll_has_no_advance_per_revolution(scene: Scene) ->
 @pytest.mark.parametrize("seconds", [0.0, 0.01, 2.0])
 def test_run_that_ended_before_the_steady_time_still_has_a_summary(scene: Scene, seconds: float) -> None:
     summary = summarise(scene, telemetry(seconds, roll_rad=lambda t: t), Events(), Cost(0, 0.0, 0.0), "interrupted")
-    assert summary["revolutions"] == summary["steady_span_s"] == 0.0
-    assert summary["displacement_m"] == [0.0, 0.0]
+    assert summary["steady_span_s"] == 0.0
+    assert summary["revolutions"] is summary["plane_rotation_rad"] is summary["advance_per_revolution_m"] is None
+    assert summary["displacement_m"] == [None, None]
     assert summary["real_time_factor"] is None
     assert summary["stalls"] == []
     assert summary["outcome"] == "interrupted"
+
+
+# --- energy, sleep, kinks ------------------------------------------------------------
+
+
+def test_energy_gain_is_the_most_that_ever_stood_above_the_work(scene: Scene) -> None:
+    """Work is put in, some of it is lost, and at 5 s a tenth of a joule comes from nowhere for a while."""
+    table = telemetry(
+        10.0,
+        energy_J=lambda t: 2.0 + 3.0 * t - 0.5 * t + np.where((t > 5.0) & (t < 6.0), 0.1 + 0.5 * t, 0.0),
+        work_J=lambda t: 3.0 * t,
+    )
+    assert summary_of(scene, table)["energy_gain_J"] == pytest.approx(0.1 + 0.5 * PERIOD_s, abs=1e-9)
+    lossy = telemetry(10.0, energy_J=lambda t: -t)
+    assert summary_of(scene, lossy)["energy_gain_J"] == 0.0
+
+
+def test_what_a_twin_does_not_tell_is_null_or_nothing(scene: Scene) -> None:
+    table = telemetry(2.0)
+    unknown = pa.nulls(table.num_rows, pa.float64())
+    for name in NULLABLE:
+        table = table.set_column(table.schema.get_field_index(name), name, unknown)
+    summary = summary_of(scene, table)
+    assert (summary["energy_gain_J"], summary["asleep_s"], summary["kinks"]) == (None, 0.0, [])
+    earlier = table.drop_columns(sorted(NULLABLE))
+    assert {**summary, "wall_time_s": 0.0} == {**summary_of(scene, earlier), "wall_time_s": 0.0}
+
+
+def test_sleep_is_summed_up_whatever_the_time_between_samples(scene: Scene) -> None:
+    assert summary_of(scene, telemetry(5.0, asleep=lambda t: (t > 1.0) & (t <= 3.5)))["asleep_s"] == pytest.approx(2.5)
+    assert summary_of(scene, telemetry(5.0, asleep=1.0))["asleep_s"] == pytest.approx(5.0)
+
+
+def test_kinks_are_the_times_at_which_the_tube_bends_beyond_its_stable_branch() -> None:
+    drive = {"kind": "curvature", "curvature_1_m": 100.0}
+    scene = scene_from({"robot": "larva", "drive": drive}, "s.toml", Path())
+    kink_1_m = scene.robot.kink_curvature_1_m
+    bent = telemetry(4.0, sharpest_curvature_1_m=lambda t: kink_1_m * (1.2 * np.sin(math.pi * t) ** 2))
+    kinks = summary_of(scene, bent)["kinks"]
+    crossing_s = math.asin(math.sqrt(1.0 / 1.2)) / math.pi
+    assert [kink["t_s"] for kink in kinks] == pytest.approx([n + crossing_s for n in range(4)], abs=PERIOD_s)
+    assert [kink["curvature_1_m"] for kink in kinks] == pytest.approx([1.2 * kink_1_m] * 4, rel=1e-3)
+    assert summary_of(scene, telemetry(4.0, sharpest_curvature_1_m=0.99 * kink_1_m))["kinks"] == []
+
+
+def test_a_section_that_keeps_its_shape_has_no_kink(scene: Scene) -> None:
+    assert summary_of(scene, telemetry(4.0, sharpest_curvature_1_m=1e6))["kinks"] == []
+
+
+def test_metrics_read_no_other_columns_than_those_that_are_kept_for_them(scene: Scene) -> None:
+    table = telemetry(8.0, roll_rad=rolled_until(3.0), bend_rad=1.5, energy_J=lambda t: -t)
+    kept = table.select([name for name in table.column_names if name in SUMMARY_COLUMNS])
+    assert repr(summary_of(scene, kept)) == repr(summary_of(scene, table))
 
 
 # --- stalls ------------------------------------------------------------

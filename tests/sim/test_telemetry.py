@@ -48,6 +48,15 @@ def test_rows_are_on_disk_while_the_run_goes_on(tmp_path: Path) -> None:
     assert read_telemetry(tmp_path).num_rows == 2 * FLUSH_ROWS + 3
 
 
+def test_batches_are_on_disk_at_once_and_in_the_order_of_the_rows_before(tmp_path: Path) -> None:
+    writer = write(tmp_path, 3, close=False)
+    writer.add_batch(pa.RecordBatch.from_pylist([row(n) for n in range(3, 8)], schema=TELEMETRY_SCHEMA))
+    assert read_telemetry(tmp_path).num_rows == 8
+    writer.add(row(8))
+    writer.close()
+    assert read_telemetry(tmp_path).to_pylist() == [row(n) for n in range(9)]
+
+
 @pytest.fixture(scope="module")
 def stream_bytes(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     folder = tmp_path_factory.mktemp("stream")
@@ -114,6 +123,8 @@ def test_full_disk_is_said_and_keeps_what_was_recorded(tmp_path: Path, monkeypat
         writer.add(row(n))
     with pytest.raises(SimulationError, match="No space left on device; free some space"):
         writer.add(row(FLUSH_ROWS))
+    with pytest.raises(SimulationError, match="free some space"):
+        writer.add_batch(pa.RecordBatch.from_pylist([row(0)], schema=TELEMETRY_SCHEMA))
     assert read_telemetry(tmp_path).num_rows == 2 * FLUSH_ROWS
     monkeypatch.undo()
     writer.close()

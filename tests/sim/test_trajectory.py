@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim import motion_rows, trajectory
 from sim.body import Motion
-from sim.trajectory import Posture, Trajectory, wrapped
+from sim.trajectory import Posture, Postures, Trajectory, motion_row, wrapped
 
 LENGTH_m = 0.15
 angles = st.floats(-math.pi, math.pi)
@@ -123,6 +125,46 @@ def test_bend_and_length_are_those_of_the_reference_length() -> None:
     assert posture.length_m == pytest.approx(1.2 * LENGTH_m)
 
 
+def tumbling(seed: int, samples: int) -> list[Motion]:
+    """A robot that turns, bends, straightens and pitches at random, a little from sample to sample."""
+    drawn = np.random.default_rng(seed)
+    angles = np.cumsum(drawn.normal(0.0, 0.4, (samples, 4)), axis=0)
+    bends_1_m = np.where(drawn.random(samples) < 0.2, 0.0, 15.0 * drawn.random(samples))
+    stretches = drawn.uniform(0.8, 1.3, samples)
+    return [
+        motion(a, b, c, bend, about(np.array([0.3, 1.0, 0.2]), d), stretch)
+        for (a, b, c, d), bend, stretch in zip(angles, bends_1_m, stretches, strict=True)
+    ]
+
+
+@given(seed=st.integers(0, 10_000), cuts=st.sets(st.integers(1, 29), max_size=5), grounded=st.booleans())
+def test_rows_in_blocks_are_followed_exactly_as_one_by_one(seed: int, cuts: set[int], grounded: bool) -> None:
+    motions = tumbling(seed, 30)
+    alone, together = (Trajectory(LENGTH_m, grounded=grounded) for _ in range(2))
+    one_by_one = [alone.follow(one) for one in motions]
+    rows = np.array([motion_row(one) for one in motions])
+    blocks = [together.follow_rows(block) for block in np.split(rows, sorted(cuts))]
+    for name in Postures._fields:
+        columns = np.concatenate([getattr(block, name) for block in blocks])
+        np.testing.assert_array_equal(columns, [getattr(posture, name) for posture in one_by_one])
+
+
+@pytest.mark.parametrize("grounded", [True, False])
+def test_compiled_and_interpreted_loops_agree(interpreted: Callable[..., None], grounded: bool) -> None:
+    rows = np.array([motion_row(one) for one in tumbling(3, 200)])
+    compiled = Trajectory(LENGTH_m, grounded=grounded).follow_rows(rows)
+    interpreted(trajectory)
+    plain = Trajectory(LENGTH_m, grounded=grounded).follow_rows(rows)
+    np.testing.assert_allclose(np.array(plain), np.array(compiled), atol=1e-12)
+
+
+def test_a_row_holds_the_motion_and_nan_for_what_it_does_not_tell() -> None:
+    row = motion_row(motion(0.3, roll_rad=0.2, stretch=1.2), 0.5)
+    assert (row[motion_rows.TIME], row[motion_rows.STRETCH]) == (0.5, 1.2)
+    np.testing.assert_array_equal(row[motion_rows.ROTATION].reshape(3, 3), motion(0.3, roll_rad=0.2).rotation)
+    assert np.isnan(row[[motion_rows.ENERGY, motion_rows.WORK, motion_rows.ASLEEP]]).all()
+
+
 @given(angle=st.floats(-100.0, 100.0))
 def test_wrapped_is_the_same_angle_within_one_turn(angle: float) -> None:
     same = wrapped(angle)
@@ -133,3 +175,4 @@ def test_wrapped_is_the_same_angle_within_one_turn(angle: float) -> None:
 def test_wrapped_keeps_pi() -> None:
     assert wrapped(math.pi) == math.pi
     assert wrapped(-math.pi) == math.pi
+    np.testing.assert_array_equal(wrapped(np.array([-math.pi, 0.5])), [math.pi, wrapped(0.5)])

@@ -10,9 +10,11 @@ import pytest
 
 from sim.body import Body
 from sim.bullet import BulletTwin
+from sim.plan import BULLET, make_plan
 from sim.rod import RodTwin
-from sim.scene import CONTROL_PERIOD_S, scene_from
-from sim.twins import BULLET, ROD, make_twin, steps_per_period
+from sim.rod_among_bodies import RodAmongBodies
+from sim.scene import CONTROL_PERIOD_S, scene_from, steps_per_period
+from sim.twins import chosen_step_s, make_twin
 from softbot.errors import InputError
 
 
@@ -21,16 +23,15 @@ def test_step_that_divides_the_control_period_is_taken(step_s: float) -> None:
     assert steps_per_period(step_s) * step_s == pytest.approx(CONTROL_PERIOD_S)
 
 
-@pytest.mark.parametrize("step_s", [0.02, 0.011, 0.004, 0.003, 0.0024])
+@pytest.mark.parametrize("step_s", [0.025, 0.011, 0.004, 0.003, 0.0024])
 def test_step_that_does_not_is_refused_with_some_that_do(step_s: float) -> None:
     with pytest.raises(InputError, match=r"solver\.step_s = .*must divide the control period of 0\.01 s; take 0\.01"):
         steps_per_period(step_s)
 
 
-def test_every_accuracy_has_a_step_that_fits_and_refines() -> None:
-    for table in (BULLET, ROD):
-        steps = [steps_per_period(table[accuracy][0]) for accuracy in ("fast", "standard", "reference")]
-        assert steps == sorted(steps)
+def test_every_accuracy_of_the_segment_twin_has_a_step_that_fits_and_refines() -> None:
+    steps = [steps_per_period(BULLET[accuracy][0]) for accuracy in ("fast", "standard", "reference")]
+    assert steps == sorted(steps)
 
 
 @pytest.mark.parametrize(("accuracy", "kind"), [("fast", "curvature"), ("standard", "pressure")])
@@ -54,7 +55,10 @@ def test_scene_for_the_rod_gets_a_rod_of_that_accuracy(scene_table: dict[str, An
     scene_table["solver"] = {"twin": "rod", "accuracy": accuracy}
     twin = make_twin(scene_from(scene_table, "s.toml", Path()))
     assert isinstance(twin, RodTwin)
-    assert twin.step_s == ROD[accuracy][0]
+    plan = make_plan(scene_from(scene_table, "s.toml", Path()))
+    assert plan.resolution is not None
+    assert twin.step_s == plan.step_s == chosen_step_s(plan.scene)
+    assert len(twin.points()[0]) == plan.resolution.contact_points // 2  # of one half: the other is its mirror image
     twin.close()
     scene_table["solver"]["step_s"] = 0.003
     with pytest.raises(InputError, match="must divide"):
@@ -102,3 +106,22 @@ def test_a_drive_too_fast_for_the_step_is_refused(scene_table: dict[str, Any]) -
         make_twin(scene_from(scene_table, "s.toml", Path()))
     scene_table["solver"]["step_s"] = 0.001
     make_twin(scene_from(scene_table, "s.toml", Path())).close()
+
+
+def test_a_rod_with_other_bodies_is_whole_and_among_them(scene_table: dict[str, Any]) -> None:
+    box = {"kind": "box", "size_m": [0.03, 0.03, 0.03], "mass_kg": 0.05, "position_m": [0.0, 0.2]}
+    scene_table.update(solver={"twin": "rod"}, body=[box])
+    twin = make_twin(scene_from(scene_table, "s.toml", Path()))
+    assert isinstance(twin, RodAmongBodies)
+    centre, _, _ = twin.rod.points()
+    assert centre[:, 0].min() < 0.0 < centre[:, 0].max()
+    twin.close()
+
+
+def test_a_rule_can_be_switched_off(scene_table: dict[str, Any]) -> None:
+    scene_table["solver"]["twin"] = "rod"
+    scene = scene_from(scene_table, "s.toml", Path())
+    half, whole = make_twin(scene), make_twin(scene, keep=("mirror",))
+    assert isinstance(half, RodTwin)
+    assert isinstance(whole, RodTwin)
+    assert 2 * len(half.points()[0]) == len(whole.points()[0])

@@ -15,6 +15,7 @@ from softbot.cross_section import default_cross_section
 from softbot.errors import InputError
 from softbot.robot import Robot, load_robot, robot_from, robot_table
 from softbot.toml_file import read_toml
+from softbot.tube import bending_moment_N_m, kink_curvature_1_m, pressure_from_scaled_Pa
 
 ACTUATOR = {"law": "yeoh", "modulus_Pa": 3e4, "stiffening_Pa": 500.0, "chamber_area_m2": 3e-5,
             "chamber_centroid_radius_m": 0.005, "gains": [1.0, 1.1, 0.9, 1.0], "dead_band_Pa": 1e3,
@@ -73,6 +74,65 @@ def test_pressure_limit_without_an_actuator_bends_by_120_degrees_or_leaves_the_b
     assert bend_rad <= math.radians(120.0) * (1.0 + 1e-4)
     if bend_rad < 0.999 * math.radians(120.0):
         assert robot.max_pressure_Pa == pytest.approx(0.8 * robot.pneumatics.max_chamber_pressure_Pa)
+
+
+# --- the tube of the paper ------------------------------------------------------------
+
+
+def thin(**changes: Any) -> dict[str, Any]:
+    """A robot with a thin wall under pressure."""
+    wall = {"wall_thickness_m": 0.001, "youngs_modulus_Pa": 5e5, "poisson_ratio": 0.4, "internal_pressure_Pa": 3e4}
+    return {**TUBE, "tube": {key: value for key, value in {**wall, **changes}.items() if value is not None}}
+
+
+@given(share=st.floats(-1.0, 1.0), pressure_Pa=st.floats(1e3, 1e6), poisson_ratio=st.floats(-0.5, 0.5))
+def test_tube_states_the_stiffness_and_softening_of_the_papers_moment_up_to_its_kink(
+    share: float, pressure_Pa: float, poisson_ratio: float
+) -> None:
+    robot = robot_from(thin(internal_pressure_Pa=pressure_Pa, poisson_ratio=poisson_ratio), "r.toml")
+    tube = robot.thin_tube()
+    assert tube is not None
+    assert robot.kink_curvature_1_m == pytest.approx(kink_curvature_1_m(tube, pressure_Pa), rel=1e-12)
+    kappa = share * robot.kink_curvature_1_m
+    moment = robot.bending_stiffness * (kappa - robot.ovalisation_m2 * kappa**3)
+    assert moment == pytest.approx(bending_moment_N_m(tube, kappa, pressure_Pa), rel=1e-9, abs=1e-15)
+
+
+def test_tubes_pressure_may_be_stated_scaled_and_its_other_stiffnesses_follow_from_its_wall() -> None:
+    robot = robot_from(thin(), "r.toml")
+    scaled = robot_from(thin(internal_pressure_Pa=None, scaled_pressure=robot.scaled_pressure), "r.toml")
+    assert scaled.scaled_pressure == robot.scaled_pressure
+    assert scaled.ovalisation_m2 == robot.ovalisation_m2
+    # G = E/(2(1 + ν)), J = 2πR³h; the axial strain pR/(2Eh) under the closed ends' thrust p πR²
+    assert robot.twisting_stiffness == pytest.approx(5e5 / 2.8 * 2.0 * math.pi * 0.01**3 * 0.001)
+    assert 3e4 * math.pi * 0.01**2 / robot.axial_stiffness == pytest.approx(3e4 * 0.01 / (2.0 * 5e5 * 0.001))
+    stated = robot_from({**thin(), "twisting_stiffness_N_m2": 1e-3, "axial_stiffness_N": 77.0}, "r.toml")
+    assert (stated.twisting_stiffness, stated.axial_stiffness) == (1e-3, 77.0)
+    assert robot.actuator_law().rest_bending_stiffness_N_m2 == pytest.approx(robot.bending_stiffness)
+
+
+def test_robot_without_a_tube_neither_ovalises_nor_kinks() -> None:
+    robot = robot_from(bent(), "r.toml")
+    assert (robot.thin_tube(), robot.scaled_pressure) == (None, None)
+    assert (robot.ovalisation_m2, robot.kink_curvature_1_m) == (0.0, math.inf)
+    assert (robot.actuation, robot.segments) == ("chamber", 1)
+
+
+def test_larva_is_the_papers_animal(tmp_path: Path) -> None:
+    larva = load_robot("larva")
+    tube = larva.thin_tube()
+    assert tube is not None
+    assert (larva.actuation, larva.segments, larva.scaled_pressure) == ("muscle", 11, 3.3)
+    assert tube.wall_thickness_m / tube.radius_m == pytest.approx(0.1)
+    assert 1.8e6 <= tube.youngs_modulus_Pa <= 3.2e6
+    assert 0.79e6 <= pressure_from_scaled_Pa(tube, 3.3) <= 1.41e6
+    assert larva.kink_curvature_1_m * larva.radius_m == pytest.approx(1.7127, abs=1e-4)
+    assert 9.81 * larva.mass_kg == pytest.approx(1e-5, rel=0.2)  # the paper: about 0.01 mN
+    assert larva.mass_kg / (math.pi * larva.radius_m**2 * larva.length_m) == pytest.approx(1050.0, rel=1e-3)
+    assert "not measured" in larva.provenance["length_m"]
+    assert robot_from(larva.table(), "again") == larva
+    robot_from(bent(), "r").save(tmp_path / "larva")
+    assert robot_table("larva", tmp_path)[0]["bending_stiffness_N_m2"] == 3.93e-3
 
 
 # --- there and back ------------------------------------------------------------
@@ -139,6 +199,20 @@ def test_shipped_robot_is_calibrated_and_can_bend_and_a_file_of_that_name_goes_b
         ({**TUBE, "actuator": {**ACTUATOR, "gains": [1, 1, 1, 0]}}, "actuator: gains"),
         ({**TUBE, "actuator": {**ACTUATOR, "gains": [1, 1, 1]}}, "actuator.gains.3: missing"),
         ({**TUBE, "actuator": {**ACTUATOR, "chamber_centroid_radius_m": 0.5}}, "inside radius_m"),
+        ({**bent(), "actuation": "wind"}, "actuation = 'wind': input should be 'chamber' or 'muscle'"),
+        ({**bent(), "segments": 0}, "segments = 0: input should be greater than or equal to 1"),
+        (
+            {**thin(), "bending_stiffness_N_m2": 1e-3},
+            "bending_stiffness_N_m2: follows from the [tube]; give one of the",
+        ),
+        ({**thin(), "actuator": ACTUATOR}, "tube: its wall and that of the [actuator] are two laws of one section"),
+        ({**pressed(), "actuation": "muscle"}, 'actuation = "muscle": the [actuator] table is about chambers'),
+        (thin(internal_pressure_Pa=None), "tube: give one of internal_pressure_Pa and scaled_pressure"),
+        (thin(scaled_pressure=3.3), "tube: give one of internal_pressure_Pa and scaled_pressure"),
+        (thin(wall_thickness_m=0.02), "tube: wall_thickness_m must be below radius_m"),
+        (thin(wall_thickness_mm=1), "tube.wall_thickness_mm: unknown key; did you mean wall_thickness_m? (mind the"),
+        (thin(poisson_ratio=0.6), "tube.poisson_ratio = 0.6"),
+        (thin(internal_pressure_Pa=0), "tube.internal_pressure_Pa = 0"),
         ({**bent(), "pneumatics": {"supply_pressure_kPa": 3}}, "did you mean supply_pressure_Pa? (mind the unit)"),
         ({**bent(), "pneumatics": {"supply_pressure_Pa": -3}}, "r.toml: pneumatics.supply_pressure_Pa = -3.0"),
         ({**bent(), "sensors": {"gyro_noise_rad_s": -1}}, "gyro_noise_rad_s must be zero or positive"),

@@ -1,0 +1,44 @@
+"""Says what a first run waits for: the compiler, once on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+from softbot.cli.streams import messages
+
+
+@contextlib.contextmanager
+def told_of_compiling(waiting: str, compiling: str) -> Iterator[None]:
+    """Show `waiting` on a terminal while the inside runs, and `compiling` from when numba really compiles something.
+
+    numba tells of a compilation only when nothing usable is on disk. Where there is no terminal a plain line on
+    standard error says it.
+    """
+    from numba.core import event
+
+    console = messages()
+    with console.status(waiting) as status:
+
+        class Listener(event.Listener):
+            """Speaks up once."""
+
+            def __init__(self) -> None:
+                self.told = False
+
+            def on_start(self, event: Any) -> None:
+                if self.told:
+                    return
+                self.told = True
+                status.update(compiling)
+                if console.quiet:
+                    import typer
+
+                    typer.echo(f"softbot: {compiling}", err=True)
+
+            def on_end(self, event: Any) -> None:
+                pass
+
+        with event.install_listener("numba:compile", Listener()):
+            yield

@@ -1,0 +1,46 @@
+"""`softbot figure`: a figure of the theory and the twins, made again from nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from softbot.cli.options import Json
+
+
+def figure(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Figure; without it they are listed.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Picture (PNG, SVG or PDF). Default: NAME.png here.")] = None,
+    options: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Set an option of the figure; may be given many times."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Draw a figure: the paper's curvature and moments, maps and margins of the twins."""
+    import json as json_format
+
+    from sim.figures import draw, figures
+    from softbot.cli.streams import messages, nothing_printed
+    from softbot.errors import InputError
+    from softbot.toml_file import override
+
+    if name is None:
+        listed = figures()
+        text = "\n".join(f"{one:24} {line}" for one, line in listed.items())
+        typer.echo(json_format.dumps({"figures": listed}) if json else text)
+        return
+    path = out or Path(f"{name}.png")
+    if path.is_dir():
+        raise InputError(f"--out {path}: is a folder; name a file in it")
+    with messages().status(f"drawing {name} (the first time the twins are compiled) …"), nothing_printed(quiet=json):
+        drawn = draw(name, path, override({}, options or []))
+    if json:
+        typer.echo(json_format.dumps({"figure": name, "path": str(path), **drawn}, allow_nan=False))
+        return
+    for key, value in drawn.items():
+        if isinstance(value, int | float | str):
+            typer.echo(f"{key}: {value:.4g}" if isinstance(value, float) else f"{key}: {value}")
+    typer.echo(f"figure: {path}")
