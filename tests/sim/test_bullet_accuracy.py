@@ -25,7 +25,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 
 @cache
 def summary_of(scene: str, accuracy: str, curvature: float) -> dict[str, Any]:
-    settings = (f"solver.accuracy={accuracy}", f"drive.curvature_1_m={curvature}")
+    settings = ("solver.twin=bullet", f"solver.accuracy={accuracy}", f"drive.curvature_1_m={curvature}")
     return simulate(load_scene(SCENES / f"{scene}.toml", settings)).summary
 
 
