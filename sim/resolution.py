@@ -374,7 +374,7 @@ def slow_speed_of_sum(half_bend_rad: FloatArray, half: int, downhill: tuple[floa
         value = _sliding(speed, sine, cosine, weights, along, across)
         for _ in range(60):
             x, y = sine + speed[0], speed[1] - cosine
-            size = np.hypot(x, y) + 1e-300
+            size = np.maximum(np.hypot(x, y), 1e-12)  # at rest on the ground: a kink of the sum
             gradient = np.array([weights @ (x / size) + along, weights @ (y / size) + across])
             cube = weights / size**3
             xx, yy, xy = cube @ (y * y), cube @ (x * x), -(cube @ (x * y))
@@ -490,7 +490,7 @@ def resolve(scene: Scene) -> Resolution:
     modes = solver.modes or _first(tries, lambda m: modes_error(demand, m), MODES_SHARE * spent)
     points = solver.contact_points
     if points is None:
-        least = max(LEAST_POINTS, modes + 1 + (modes + 1) % 2)
+        least = max(LEAST_POINTS, 2 * modes + 2)
         points = _first(range(least, MOST_POINTS + 1, 2), lambda n: points_error(demand, n), POINTS_SHARE * spent)
     rests = solver.question == "equilibrium"
     if rests:

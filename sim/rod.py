@@ -30,7 +30,7 @@ from sim.motion_rows import (
 )
 from sim.rod_drive import hold
 from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
-from sim.rod_kernel import ADVICE, ASLEEP, KINKED, RESTED, TIME, WORK, play
+from sim.rod_kernel import ADVICE, ASLEEP, CREATED, KINKED, RESTED, TIME, WORK, play
 from sim.rod_memory import Layout, Physics, carve, rod_memory
 from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
 from softbot.errors import InputError, SimulationError
@@ -54,9 +54,9 @@ class RodTwin:
     The robot starts straight, at rest, lying on the ground with chamber 0 (e1) to its left, tangent along x.
 
     modes: shape functions (`sim.rod_rule`) for each of the two bends and the twist, at least 1. contact_points: even,
-    at least 4 and more than `modes`; the inertia is summed over the same points. step_s: longest step [s]. stretches:
-    False keeps the length (the rest stretch is then ignored; the bending stiffness is the one with the stretch relaxed
-    either way).
+    at least two for each mode and two more; the inertia is summed over the same points. step_s: longest step [s].
+    stretches: False keeps the length (the rest stretch is then ignored; the bending stiffness is the one with the
+    stretch relaxed either way).
     symmetric: the tube is its own mirror image about x = 0, as it is whenever all that acts on it is: half of it is
     computed. twists: False keeps the twist at zero. clamped: the middle is held where it starts (a symmetric clamped
     tube is two cantilevers). tolerance: error of a step over the radius above which it is divided; 0: never.
@@ -79,12 +79,19 @@ class RodTwin:
     ) -> None:
         if modes < 1:
             raise InputError(f"modes = {modes}: a rod bends in at least one")
-        if contact_points < max(4, modes + 1) or contact_points % 2:
+        if contact_points < max(4, 2 * modes + 2) or contact_points % 2:
             raise InputError(
-                f"contact_points = {contact_points}: an even number, at least 4 and more than modes ({modes})"
+                f"contact_points = {contact_points}: an even number, and at least {max(4, 2 * modes + 2)} for "
+                f"modes = {modes}: with fewer, the sums along the tube do not see how it bends"
             )
         if not (np.isfinite(step_s) and step_s > 0.0):
             raise InputError(f"step_s = {step_s:g}: must be positive")
+        weight_N = body.mass_kg * world.gravity_m_s2
+        if stretches and world.ground != "none" and weight_N > body.axial_stiffness_N:
+            raise InputError(
+                f"axial_stiffness_N = {body.axial_stiffness_N:g}: less than the robot's weight of {weight_N:g} N, which "
+                "would squeeze a standing tube to nothing; a tube has 2 to 4 times its bending stiffness over radius_m²"
+            )
         self._body, self._modes, self._half = body, modes, contact_points // 2
         columns = _columns(modes, stretches, symmetric, twists, clamped)
         ground = _GROUNDS[world.ground]
@@ -135,6 +142,11 @@ class RodTwin:
         return float(self._state.flag[WORK])
 
     @property
+    def created_J(self) -> float:
+        """What the errors of the steps have put into the motion and what was taken out again since the start [J]."""
+        return float(self._state.flag[CREATED])
+
+    @property
     def kinked_at_s(self) -> float | None:
         """When the tube first bent beyond the stable branch of a section that ovalises [s]."""
         return float(self._state.flag[KINKED]) if self._state.flag[KINKED] >= 0.0 else None
@@ -162,6 +174,17 @@ class RodTwin:
     def push_N_m(self) -> FloatArray:
         """Outside moments on the sections at the points, world axes, shape (points, 3) [N m]: a view like `push_N`."""
         return self._state.push_N_m
+
+    def throw(self, lift_m: float, velocity: FloatArray) -> None:
+        """Start from elsewhere: lifted off the ground [m], and moving.
+
+        velocity: of the middle [m/s] and of the whole about it [rad/s], world axes, shape (6,); what a tube that mirrors
+        itself or is clamped cannot do is left out.
+        """
+        self._state.position_m[2] += lift_m
+        base = self._work.column[: self._layout.base].astype(int)
+        self._state.velocity[base] = velocity[base]
+        self.wake()
 
     def wake(self) -> None:
         """Rouse a sleeping robot: something outside it has changed."""

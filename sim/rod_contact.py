@@ -296,6 +296,30 @@ def keep_contacts(
 
 
 @inner
+def ground_energy(
+    position: FloatArray, physics: Physics, contacts: Contacts, root: FloatArray, place_m: FloatArray
+) -> float:  # fmt: skip
+    """What the springs and bristles of the contacts hold [J], the rod as it is placed."""
+    across, n = 1 - physics.grain, root.shape[0]
+    total = 0.0
+    for spot in range(contacts.gap_m.shape[0]):
+        first, second = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
+        for i in range(n):
+            gap, _, _ = profile_gap(
+                physics.ground, physics.ground_a_m, physics.ground_b_m, spot, position[across] + place_m[across, i],
+                position[2] + place_m[2, i], physics.radius_m,
+            )  # fmt: skip
+            sunk = min(gap, 0.0)
+            total += root[i] ** 2 * (sunk * sunk + first[i] ** 2 + second[i] ** 2)
+    total *= 0.5 * physics.contact_stiffness_1_s2
+    if physics.resistance_m2_s2 > 0.0:
+        stiffness, _ = _roll_stiffness(physics)
+        for i in range(n):
+            total += 0.5 * stiffness * root[i] ** 2 * contacts.roll_bristle[i] ** 2
+    return total
+
+
+@inner
 def drop_contacts(load_m_s2: FloatArray, bristle_m: FloatArray, roll_bristle: FloatArray) -> None:
     """Nothing touches: no load, no bristle."""
     for i in range(roll_bristle.shape[0]):

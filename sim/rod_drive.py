@@ -54,6 +54,14 @@ def hold() -> FloatArray:
 
 
 @inner
+def quiet_until_s(drive: FloatArray) -> float:
+    """Until when a drive leaves a straight tube straight [s]."""
+    if drive[_KIND] == HOLD:
+        return math.inf
+    return drive[_START] - drive[_RAMP]
+
+
+@inner
 def rest_curvature(
     drive: FloatArray, t_s: float, step_s: float, theta: float, bend_1: float, bend_2: float, lagged_1_m: FloatArray
 ) -> tuple[float, float]:

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from sim.motion_rows import ROW_SIZE
 from sim.rod_compile import FAST_MATH, inlined, inner, source_stamp
-from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, keep_contacts
+from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, ground_energy, keep_contacts
 from sim.rod_drive import rest_curvature
 from sim.rod_ground import profile_gap
 from sim.rod_memory import Contacts, Layout, Physics, State, Work, carve
@@ -48,13 +48,18 @@ _LARGEST_SPEED = 1e8  # m/s, rad/s, rad/(m s): beyond, the state means nothing
 _RESOLVED = 10.0  # of a coordinate's natural angle a step: θ is half-way between ½ and 1 there
 _PASSES = 4  # of one step, at most
 _AGAIN = 1e-4  # b is taken again when its change is more than this share of the velocity
-_LARGEST_TURN = 1.0  # rad in a step, of the base or from end to end
+_LARGEST_TURN = 0.32  # rad in a step, of the base: 20 steps a turn
+_LARGEST_BEND = 1.0  # rad in a step, from end to end
+_LARGEST_SWING = 0.5  # turn of the velocity in a step, by inertia alone
 _LARGEST_STRETCH = 0.3  # in a step
 _HALVINGS = 14
 _AFTER_KINK = 0.02  # bending stiffness beyond the kink over that of the straight tube: keeps the tube finite
 _REST_TIME_S = 0.1
 
-ALOFT, RESTED, TIME, WORK, ADVICE, KINKED, STEPS, ASLEEP, SOLVES = range(9)
+_ENERGY_SLACK = 2e-3
+_AUDIT_STEPS = 16  # from one audit of the energy to the next, in a motion that takes its steps undivided
+
+ALOFT, RESTED, TIME, WORK, ADVICE, KINKED, STEPS, ASLEEP, SOLVES, AUDITED, CEILING, LARGEST, CREATED = range(13)
 
 
 @inner
@@ -85,6 +90,20 @@ def _turn_by(x: float, y: float, z: float, rotation: FloatArray) -> None:
         rotation[k, 0] = 0.5 * ((3.0 - g00) * px - g01 * py - g02 * pz)
         rotation[k, 1] = 0.5 * ((3.0 - g11) * py - g01 * px - g12 * pz)
         rotation[k, 2] = 0.5 * ((3.0 - g22) * pz - g02 * px - g12 * py)
+
+
+@inner
+def _carry(start: FloatArray, end: FloatArray, velocity: FloatArray) -> None:
+    """Turn the base's ω as its tangent turns from one rotation to another, the shortest way."""
+    px, py, pz = start[0, 2], start[1, 2], start[2, 2]
+    qx, qy, qz = end[0, 2], end[1, 2], end[2, 2]
+    ax, ay, az = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
+    cosine = px * qx + py * qy + pz * qz
+    x, y, z = velocity[3], velocity[4], velocity[5]
+    along = (ax * x + ay * y + az * z) / (1.0 + cosine)
+    velocity[3] = cosine * x + ay * z - az * y + along * ax
+    velocity[4] = cosine * y + az * x - ax * z + along * ay
+    velocity[5] = cosine * z + ax * y - ay * x + along * az
 
 
 @inner
@@ -387,10 +406,15 @@ def _base_momentum(base: int, momentum: FloatArray, column: FloatArray, arm: Flo
 
 @inner
 def _accelerations(
-    h: float, velocity: FloatArray, rate: FloatArray, stretch: float, stretch_rate: float, bend: float, rule: Rule,
-    section: FloatArray, triple: FloatArray, bias: FloatArray,
+    h: float, rotation: FloatArray, velocity: FloatArray, rate: FloatArray, stretch: float, stretch_rate: float,
+    bend: float, rule: Rule, section: FloatArray, triple: FloatArray, bias: FloatArray,
 ) -> float:  # fmt: skip
     """bias ← −h b; returns its square. velocity: all coordinates; rate: G of them; bend: half the radius."""
+    # the axes in which the base's ω is kept go with its tangent, but do not roll: ω' = −(t·ω) t × ω there
+    rolling = -(rotation[0, 2] * velocity[3] + rotation[1, 2] * velocity[4] + rotation[2, 2] * velocity[5])
+    base_x = rolling * (rotation[1, 2] * velocity[5] - rotation[2, 2] * velocity[4])
+    base_y = rolling * (rotation[2, 2] * velocity[3] - rotation[0, 2] * velocity[5])
+    base_z = rolling * (rotation[0, 2] * velocity[4] - rotation[1, 2] * velocity[3])
     modes, n = rule.mode.shape
     spin, source, turning, moving = triple[0], triple[1], triple[2], triple[3]
     for i in range(n):  # α' = ω × Q ẇ
@@ -413,7 +437,7 @@ def _accelerations(
         tx, ty, tz = section[2, 0, i], section[2, 1, i], section[2, 2, i]
         ox, oy, oz = spin[0, i], spin[1, i], spin[2, i]
         cx, cy, cz = oy * tz - oz * ty, oz * tx - ox * tz, ox * ty - oy * tx
-        ax, ay, az = turning[0, i], turning[1, i], turning[2, i]
+        ax, ay, az = base_x + turning[0, i], base_y + turning[1, i], base_z + turning[2, i]
         x = stretch * (ay * tz - az * ty + oy * cz - oz * cy) + 2.0 * stretch_rate * cx
         y = stretch * (az * tx - ax * tz + oz * cx - ox * cz) + 2.0 * stretch_rate * cy
         z = stretch * (ax * ty - ay * tx + ox * cy - oy * cx) + 2.0 * stretch_rate * cz
@@ -464,15 +488,21 @@ def _set_theta(h: float, damping_time_s: float, rate_1_s2: FloatArray, theta: Fl
 
 
 @inner
-def _softened(bend_squared: float, a: float) -> tuple[float, float]:
-    """1 − (passive moment over EIκ), and the elastic energy that is missing over EI, of a section that ovalises."""
+def _softened(bend_squared: float, a: float, radius_m: float) -> tuple[float, float]:
+    """1 − (passive moment over EIκ), and the elastic energy that is missing over EI, of a section that ovalises.
+
+    Beyond the kink it hardly resists, until at κ = 1/R its inner side folds on itself.
+    """
     kink_squared = 1.0 / (3.0 * a)
     if bend_squared <= kink_squared:
         return a * bend_squared, 0.25 * a * bend_squared * bend_squared
     kink, bend = np.sqrt(kink_squared), np.sqrt(bend_squared)
-    beyond = bend - kink
+    fold = max(kink, 1.0 / radius_m)
+    beyond, folded = min(bend, fold) - kink, max(bend - fold, 0.0)
     moment = kink * 2.0 / 3.0 + _AFTER_KINK * beyond
     energy = 5.0 / 12.0 * kink_squared + beyond * (kink * 2.0 / 3.0 + 0.5 * _AFTER_KINK * beyond)
+    energy += folded * (moment + 0.5 * folded)
+    moment += folded
     return 1.0 - moment / bend, 0.5 * bend_squared - energy
 
 
@@ -499,7 +529,7 @@ def _elastic_forces(
 
 @inner
 def _softening(
-    h: float, softening_m2: float, stiffness_1_kg: float, base: int, column: FloatArray, strain: FloatArray, rule: Rule,
+    h: float, softening_m2: float, radius_m: float, stiffness_1_kg: float, base: int, column: FloatArray, strain: FloatArray, rule: Rule,
     scratch: FloatArray, vector: FloatArray,
 ) -> None:  # fmt: skip
     """Add what ovalisation takes off the bending moment. stiffness_1_kg: EI L/m; strain: as the rod is placed."""
@@ -511,7 +541,7 @@ def _softening(
             p = rule.mode[m, i] * rule.outward[i]
             x += p * strain[3 * m]
             y += p * strain[3 * m + 1]
-        less, _ = _softened(x * x + y * y, softening_m2)
+        less, _ = _softened(x * x + y * y, softening_m2, radius_m)
         share = less * stiffness_1_kg * rule.root_mass[i] ** 2 * rule.outward[i]
         first[i], second[i] = share * x, share * y
     for a in range(base, column.shape[0]):
@@ -576,11 +606,22 @@ def _trusted(
     bend = 0.0
     for a in range(3 * modes):
         bend += abs(mean[6 + a])
-    if turn > _LARGEST_TURN or h * length_m * bend > _LARGEST_TURN:
+    if turn > _LARGEST_TURN or h * length_m * bend > _LARGEST_BEND:
         return 1
     if mean.shape[0] > 6 + 3 * modes and abs(h * mean[6 + 3 * modes]) > _LARGEST_STRETCH * stretch:
         return 1
     return 0
+
+
+@inner
+def _swinging(base: int, mirrored: bool, root: FloatArray, rate: FloatArray) -> float:
+    """|rate|² without the mean of the velocity, which all points share; never below its round-off."""
+    whole, mass = _dot(rate, rate), _dot(root, root)
+    total = whole
+    for k in range(1 if mirrored else 0, 3 if base > 0 else 0):
+        mean = _dot(root, rate[k])
+        total -= mean * mean / mass
+    return max(total, 1e-10 * whole)
 
 
 @inner
@@ -618,6 +659,8 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     stretching = velocity[6 + 3 * modes] if physics.stretches else 0.0
     _set_theta(h, physics.damping_time_s, state.modal_rate_1_s2, theta)
     _place(state, physics, rule, work, layout, 0.5 * h)
+    omega_x, omega_y, omega_z = velocity[3], velocity[4], velocity[5]
+    _carry(state.rotation, work.rotation, velocity)
     _gather(velocity, column, vector)
     _times(rows, size, vector, rate)
     for d in range(size):
@@ -626,8 +669,12 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         vector[d] = mean[f]
     _times(rows, size, vector, work.foretold)
     twisting = _accelerations(
-        h, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
+        h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
     )  # fmt: skip
+    swinging = _swinging(base, physics.mirrored, rule.root_mass, work.foretold)
+    if twisting > _LARGEST_SWING**2 * (swinging + physics.mass_kg * physics.sleep_speed_m_s**2):
+        velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
+        return 1
     # the velocities that strains carry stand for the time (1 − θ)h after the middle of the step (u̇ = −Gᵀb, steadily)
     _add_scaled(rate, theta[6] - 1.0, bias, ahead)
     _push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
@@ -639,11 +686,14 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     _gram(_flat(rows), size, work.inertia, False)
     kept = base > 0 and not touching
     if kept and flag[ALOFT] == 0.0:  # the momentum that it takes off with
+        velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
         _place(state, physics, rule, work, layout, 0.0)
         _gather(velocity, column, vector)
         _times(rows, size, vector, rate)
         _take_momentum(base, rows, rate, column, arm, state.momentum)
         _place(state, physics, rule, work, layout, 0.5 * h)
+        _carry(state.rotation, work.rotation, velocity)
+        _gather(velocity, column, vector)
         _times(rows, size, vector, rate)
     moving = _dot(rate, rate)
     again = True
@@ -665,10 +715,11 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         )  # fmt: skip
         if physics.softening_m2 > 0.0:
             _softening(
-                h, physics.softening_m2, physics.bending_N_m2 * physics.length_m / physics.mass_kg, base, column,
-                work.strain, rule, work.triple[0], vector,
+                h, physics.softening_m2, physics.radius_m, physics.bending_N_m2 * physics.length_m / physics.mass_kg,
+                base, column, work.strain, rule, work.triple[0], vector,
             )  # fmt: skip
         if not _factor(matrix, size):
+            velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
             return 2
         _forward(matrix, size, vector)
         _backward(matrix, size, vector)
@@ -693,7 +744,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
                 stretching = mean[6 + 3 * modes] if physics.stretches else 0.0
                 _add_scaled(rate, 0.5, change, work.foretold)
                 _accelerations(
-                    h, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
+                    h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
                 )  # fmt: skip
                 _push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
         if not repeat:
@@ -707,6 +758,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         _base_that_keeps_momentum(base, now, column, arm, theta, velocity, matrix, mean, vector, scratch)
     verdict = _trusted(h, physics.length_m, modes, stretch, vector, mean, column)
     if verdict > 0:
+        velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
         return verdict
     flag[ADVICE] = 2.0 * h
     if physics.tolerance > 0.0 and flag[STEPS] > 0.0:
@@ -715,6 +767,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         )  # fmt: skip
         flag[ADVICE] = h * min(2.0, max(0.25, 0.9 * (physics.tolerance / max(error, 1e-30)) ** (1.0 / 3.0)))
         if error > 2.0 * physics.tolerance and h > 2.0**-_HALVINGS * physics.step_s:
+            velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
             return 1
     if touching:
         keep_contacts(h, theta[0], physics, contacts, less, change, ahead)
@@ -738,6 +791,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     for k in range(3):
         position[k] += h * mean[k]
     _turn_by(h * mean[3], h * mean[4], h * mean[5], state.rotation)
+    _carry(work.rotation, state.rotation, velocity)
     still = moving < physics.mass_kg * physics.sleep_speed_m_s**2
     if still and (touching or (gx == 0.0 and gy == 0.0 and gz == 0.0)):
         flag[RESTED] += h
@@ -769,6 +823,82 @@ def _elastic_energy(strain: FloatArray, rest: FloatArray, stiffness: FloatArray)
 
 
 @inner
+def _settle_base(
+    base: int, momentum: FloatArray, column: FloatArray, arm: FloatArray, rows: FloatArray, matrix: FloatArray,
+    change: FloatArray, rate: FloatArray,
+) -> None:  # fmt: skip
+    """Let the base move as the momentum asks: its `change`, and `rate` with it. matrix ← factors of its inertia."""
+    _base_momentum(base, momentum, column, arm, change)
+    for a in range(base):
+        change[a] -= _dot(rows[a], rate)
+    _gram(_flat(rows), base, matrix, False)
+    if not _factor(matrix, base):
+        for a in range(base):
+            change[a] = 0.0
+    _forward(matrix, base, change)
+    _backward(matrix, base, change)
+    for a in range(base):
+        _add_scaled(rate, change[a], rows[a], rate)
+
+
+@inner
+def _mechanical_energy(state: State, physics: Physics, rule: Rule, work: Work) -> float:
+    """Kinetic, elastic and gravitational energy of the rod as it is placed, with its rates [J]."""
+    missing = 0.0
+    if physics.softening_m2 > 0.0:
+        for i in range(rule.root_mass.shape[0]):
+            bend_squared = _curvature_squared(i, state.strain, rule.mode)
+            _, less = _softened(bend_squared, physics.softening_m2, physics.radius_m)
+            missing += less * physics.bending_N_m2 * physics.length_m * rule.root_mass[i] ** 2 / physics.mass_kg
+    fallen = (
+        (state.position_m[0] + work.arm_m[0]) * physics.gravity_x_m_s2
+        + (state.position_m[1] + work.arm_m[1]) * physics.gravity_y_m_s2
+        + (state.position_m[2] + work.arm_m[2]) * physics.gravity_z_m_s2
+    )
+    elastic = _elastic_energy(state.strain, state.rest_strain, state.stiffness)
+    return 0.5 * _dot(work.rate, work.rate) + elastic - missing - physics.mass_kg * fallen
+
+
+@inner
+def _audit(state: State, physics: Physics, rule: Rule, contacts: Contacts, work: Work, layout: Layout) -> None:
+    """Take out of the motion what energy the steps have made.
+
+    Kinetic, elastic and gravitational energy and that of the ground's springs, less the actuators' work, only ever
+    falls. Where coarse steps let it rise by more than `_ENERGY_SLACK` of the largest energy so far, velocities are
+    scaled down: aloft those of the strains only, for the momentum's sake.
+    """
+    flag, velocity, base = state.flag, state.velocity, layout.base
+    _place(state, physics, rule, work, layout, 0.0)
+    _gather(velocity, work.column, work.vector)
+    _times(work.rows, layout.columns, work.vector, work.rate)
+    rigid = 0.0
+    kept = flag[ALOFT] == 1.0 and base > 0
+    if kept:
+        _settle_base(base, state.momentum, work.column, work.arm_m, work.rows, work.matrix, work.vector, work.rate)
+        _base_momentum(base, state.momentum, work.column, work.arm_m, work.vector)
+        _forward(work.matrix, base, work.vector)
+        for a in range(base):
+            rigid += 0.5 * work.vector[a] * work.vector[a]
+    kinetic = 0.5 * _dot(work.rate, work.rate)
+    energy = _mechanical_energy(state, physics, rule, work) - flag[WORK]
+    if flag[ALOFT] == 0.0 and physics.ground > 0:
+        energy += ground_energy(state.position_m, physics, contacts, rule.root_mass, work.place_m)
+    elastic = _elastic_energy(state.strain, state.rest_strain, state.stiffness)
+    flag[LARGEST] = max(flag[LARGEST], kinetic + elastic)
+    excess = energy - flag[CEILING]
+    if flag[AUDITED] > 0.0 and excess > 0.0:
+        least = rigid if kept else 0.0
+        share = max(0.0, 1.0 - excess / max(kinetic - least, 1e-300))
+        flag[CREATED] += (1.0 - share) * (kinetic - least)
+        for f in range(6 if kept else 0, velocity.shape[0]):
+            velocity[f] *= np.sqrt(share)
+        energy = flag[CEILING]
+    reached = energy + _ENERGY_SLACK * flag[LARGEST]
+    flag[CEILING] = min(flag[CEILING], reached) if flag[AUDITED] > 0.0 else reached
+    flag[AUDITED] = 1.0
+
+
+@inner
 def _write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: Layout, row: FloatArray) -> None:
     """The rod as it is placed now, with its rates, as a row of `sim.motion_rows`."""
     n, base = layout.points, layout.base
@@ -782,18 +912,11 @@ def _write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: L
         row[13 + k] = velocity[3 + k]
         for c in range(3):
             row[4 + 3 * k + c] = state.rotation[k, c]
-    if flag[ALOFT] == 1.0 and base > 0:  # the base moves as the momentum asks
-        _base_momentum(base, state.momentum, work.column, arm, change)
+    if flag[ALOFT] == 1.0 and base > 0:
+        _settle_base(base, state.momentum, work.column, arm, rows, work.matrix, change, rate)
         for a in range(base):
-            change[a] -= _dot(rows[a], rate)
-        _gram(_flat(rows), base, work.matrix, False)
-        if _factor(work.matrix, base):
-            _forward(work.matrix, base, change)
-            _backward(work.matrix, base, change)
-            for a in range(base):
-                f = int(work.column[a])
-                row[16 + f if f < 3 else 10 + f] += change[a]
-                _add_scaled(rate, change[a], rows[a], rate)
+            f = int(work.column[a])
+            row[16 + f if f < 3 else 10 + f] += change[a]
     momentum = work.foretold.ravel()  # free here
     _take_momentum(base, rows, rate, work.column, arm, momentum)
     row[22] = state.strain[3 * layout.modes] if physics.stretches else 1.0
@@ -812,14 +935,8 @@ def _write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: L
     for k in range(3):
         chord[k] = chord[k] / size if size > 0.0 else state.rotation[k, 2]
         row[28 + k] = momentum[3 + k]
-    missing = deepest = 0.0
-    if physics.softening_m2 > 0.0:
-        for i in range(n):
-            _, less = _softened(_curvature_squared(i, state.strain, rule.mode), physics.softening_m2)
-            missing += less * physics.bending_N_m2 * physics.length_m * mass[i] ** 2 / physics.mass_kg
-    fallen = row[19] * physics.gravity_x_m_s2 + row[20] * physics.gravity_y_m_s2 + row[21] * physics.gravity_z_m_s2
-    elastic = _elastic_energy(state.strain, state.rest_strain, state.stiffness)
-    row[31] = 0.5 * _dot(rate, rate) + elastic - missing - physics.mass_kg * fallen
+    deepest = 0.0
+    row[31] = _mechanical_energy(state, physics, rule, work)
     row[32] = flag[WORK]
     if physics.ground > 0:
         across = 1 - physics.grain
@@ -869,6 +986,9 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         going = len(stamp) > 0
         macro = physics.step_s
         flag = state.flag
+        pushed = _dot(state.push_N, state.push_N) + _dot(state.push_N_m, state.push_N_m) > 0.0
+        if pushed:  # the work of these is in no ledger
+            flag[AUDITED] = 0.0
         for sample in range(samples):
             for _ in range(steps):
                 _set_theta(macro, physics.damping_time_s, state.modal_rate_1_s2, work.theta)
@@ -891,6 +1011,8 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                         h /= np.ceil(h / flag[ADVICE] - 1e-9)
                     verdict = _step(h, state, physics, rule, contacts, work, layout)
                     if verdict == 0:
+                        if not pushed and (h < macro or flag[STEPS] % _AUDIT_STEPS == 1.0):
+                            _audit(state, physics, rule, contacts, work, layout)
                         done = macro if h >= (macro - done) * (1.0 - 1e-12) else done + h
                     else:
                         flag[ADVICE] = 0.5 * h

@@ -93,7 +93,9 @@ class State(NamedTuple):
     flag: FloatArray
     """0: 1 when nothing touched in the last step; 1: seconds at rest; 2: time [s]; 3: actuators' work [J]; 4: step that
     the last one left as advice [s]; 5: time of the first kink [s], or −1; 6: steps taken; 7: 1 while asleep;
-    8: solves of the equations; shape (9,).
+    8: solves of the equations; 9: 1 once the energy has been audited; 10: what it less the work must not exceed [J];
+    11: largest kinetic and elastic energy so far [J]; 12: energy that steps have made and that was taken out again [J];
+    shape (13,).
     """
     rest_strain: FloatArray
     """Shape (s,)."""
@@ -209,7 +211,7 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Wo
     bristle_m = flat.reshape(2, spots, points)
     roll_bristle, at = _line(memory, at, points)
     momentum, at = _line(memory, at, 6)
-    flag, at = _line(memory, at, 9)
+    flag, at = _line(memory, at, 13)
     rest_strain, at = _line(memory, at, strains)
     lagged_1_m, at = _line(memory, at, 2)
     flat, at = _line(memory, at, strains * strains)

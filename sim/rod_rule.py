@@ -13,6 +13,7 @@ the middle, has the same modes of x from 0 to 1 with (1 − x)² instead.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -87,6 +88,7 @@ def is_even(mode: int) -> bool:
     return mode == 0 or mode % 2 == 1
 
 
+@lru_cache(maxsize=64)
 def mode_shares(modes: int, cantilever: bool = False) -> FloatArray:
     """∫ψ_m² ds over the tube's length, shape (modes,)."""
     first = 0.0 if cantilever else -1.0
@@ -136,6 +138,7 @@ class Outline(NamedTuple):
     """The value itself, shape (h, n)."""
 
 
+@lru_cache(maxsize=64)
 def rod_outline(length_m: float, half: int, places: int) -> Outline:
     """Tables for `places` equally spaced places on each half, the middle and the end included."""
     nodes, _ = legendre.leggauss(half)

@@ -166,7 +166,7 @@ class Solver(pydantic.BaseModel):
     )
     segments: int | None = Field(None, ge=2, le=200, description="bullet: overrides the number of segments")
     modes: int | None = Field(None, ge=1, le=12, description="rod: overrides the number of bending modes")
-    contact_points: int | None = Field(None, ge=4, le=200, description="rod: overrides the number of contact points")
+    contact_points: int | None = Field(None, ge=6, le=200, description="rod: overrides the number of contact points")
     tolerance: float | None = Field(
         None, gt=0, le=0.1, description="rod: adaptive step that keeps the relative error of a step below this"
     )

@@ -43,7 +43,7 @@ def growth(
     case = rolling()
     few = 2 if quick else None
     for modes in MODES[:few]:
-        points = max(_SOLVER["contact_points"], 2 * modes)
+        points = max(_SOLVER["contact_points"], 2 * modes + 2)
         yield _grown("modes", modes, case, {**_SOLVER, "modes": modes, "contact_points": points}, repeats, run)
     for points in POINTS[:few]:
         yield _grown("contact points", points, case, {**_SOLVER, "contact_points": points}, repeats, run)
