@@ -7,6 +7,7 @@ import importlib
 import io
 import os
 import pickle
+import signal
 import sys
 import threading
 import time
@@ -138,9 +139,13 @@ def test_interrupt_ends_the_processes(chores: Any, tmp_path: Path, monkeypatch: 
         interrupted_s.append(time.monotonic())
         _thread.interrupt_main()
 
-    threading.Thread(target=interrupt, daemon=True).start()
-    with pytest.raises(KeyboardInterrupt):
-        run_many(range(4), 2, run=chores.slow)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
+    try:
+        threading.Thread(target=interrupt, daemon=True).start()
+        with pytest.raises(KeyboardInterrupt):
+            run_many(range(4), 2, run=chores.slow)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert time.monotonic() - interrupted_s[0] < 30.0
     while any(thread.name.startswith("run_many") for thread in threading.enumerate()):
         assert time.monotonic() - interrupted_s[0] < 60.0
