@@ -89,8 +89,8 @@ class RodTwin:
         weight_N = body.mass_kg * world.gravity_m_s2
         if stretches and world.ground != "none" and weight_N > body.axial_stiffness_N:
             raise InputError(
-                f"axial_stiffness_N = {body.axial_stiffness_N:g}: less than the robot's weight of {weight_N:g} N, which "
-                "would squeeze a standing tube to nothing; a tube has 2 to 4 times its bending stiffness over radius_m²"
+                f"axial_stiffness_N = {body.axial_stiffness_N:g}: less than the robot's weight of {weight_N:g} N, "
+                "which would squeeze a standing tube to nothing; a tube has 2 to 4 times its bending stiffness over radius_m²"
             )
         self._body, self._modes, self._half = body, modes, contact_points // 2
         columns = _columns(modes, stretches, symmetric, twists, clamped)
@@ -178,8 +178,8 @@ class RodTwin:
     def throw(self, lift_m: float, velocity: FloatArray) -> None:
         """Start from elsewhere: lifted off the ground [m], and moving.
 
-        velocity: of the middle [m/s] and of the whole about it [rad/s], world axes, shape (6,); what a tube that mirrors
-        itself or is clamped cannot do is left out.
+        velocity: of the middle [m/s] and of the whole about it [rad/s], world axes, shape (6,); what a tube that
+        mirrors itself or is clamped cannot do is left out.
         """
         self._state.position_m[2] += lift_m
         base = self._work.column[: self._layout.base].astype(int)

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from sim.motion_rows import ROW_SIZE
 from sim.rod_compile import FAST_MATH, inlined, inner, source_stamp
 from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, ground_energy, keep_contacts
-from sim.rod_drive import rest_curvature
+from sim.rod_drive import quiet_until_s, rest_curvature
 from sim.rod_ground import profile_gap
 from sim.rod_memory import Contacts, Layout, Physics, State, Work, carve
 from sim.rod_rule import Rule
@@ -529,8 +529,8 @@ def _elastic_forces(
 
 @inner
 def _softening(
-    h: float, softening_m2: float, radius_m: float, stiffness_1_kg: float, base: int, column: FloatArray, strain: FloatArray, rule: Rule,
-    scratch: FloatArray, vector: FloatArray,
+    h: float, softening_m2: float, radius_m: float, stiffness_1_kg: float, base: int, column: FloatArray,
+    strain: FloatArray, rule: Rule, scratch: FloatArray, vector: FloatArray,
 ) -> None:  # fmt: skip
     """Add what ovalisation takes off the bending moment. stiffness_1_kg: EI L/m; strain: as the rod is placed."""
     modes, n = rule.mode.shape
@@ -744,7 +744,8 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
                 stretching = mean[6 + 3 * modes] if physics.stretches else 0.0
                 _add_scaled(rate, 0.5, change, work.foretold)
                 _accelerations(
-                    h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
+                    h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple,
+                    bias,
                 )  # fmt: skip
                 _push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
         if not repeat:
@@ -989,8 +990,14 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         pushed = _dot(state.push_N, state.push_N) + _dot(state.push_N_m, state.push_N_m) > 0.0
         if pushed:  # the work of these is in no ledger
             flag[AUDITED] = 0.0
+        quiet_s = quiet_until_s(drive) - 2.0 * macro  # a straight tube that sleeps has nothing to look at until then
+        if drive[0] > 0.0 and (state.rest_strain[0] != 0.0 or state.rest_strain[1] != 0.0):
+            quiet_s = -1.0
         for sample in range(samples):
             for _ in range(steps):
+                if flag[ASLEEP] > 0.0 and flag[TIME] < quiet_s:
+                    flag[TIME] += macro
+                    continue
                 _set_theta(macro, physics.damping_time_s, state.modal_rate_1_s2, work.theta)
                 if drive[0] > 0.0:
                     # the bend as it will lie at the middle of the step, for the second order

@@ -350,3 +350,12 @@ def test_a_tube_bent_beyond_its_stable_branch_kinks_and_says_when() -> None:
     assert beyond.kinked_at_s is not None
     assert 0.0 < beyond.kinked_at_s < 1.0
     assert float(beyond.motion().curvature_1_m[0]) > kink_1_m
+
+
+def test_a_bent_robot_asleep_is_straightened_by_a_drive_that_has_not_started() -> None:
+    twin = rod()
+    twin.set_rest(np.array([1.0, 8.0, 0.0]), BODY.rest_stiffness())
+    twin.advance(600)
+    assert twin.asleep
+    rows = twin.play(turning(start_s=1e4), 200, 1)
+    assert np.hypot(*rows[-1, CURVATURE]) < 0.5
