@@ -90,7 +90,8 @@ class RodTwin:
         if stretches and world.ground != "none" and weight_N > body.axial_stiffness_N:
             raise InputError(
                 f"axial_stiffness_N = {body.axial_stiffness_N:g}: less than the robot's weight of {weight_N:g} N, "
-                "which would squeeze a standing tube to nothing; a tube has 2 to 4 times its bending stiffness over radius_m²"
+                "which would squeeze a standing tube to nothing; a tube has 2 to 4 times its bending stiffness over "
+                "radius_m²"
             )
         self._body, self._modes, self._half = body, modes, contact_points // 2
         columns = _columns(modes, stretches, symmetric, twists, clamped)
