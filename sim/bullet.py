@@ -33,6 +33,7 @@ from sim.chain import (
     mean_rotation_vector,
     place_bodies,
     rotation_of,
+    rotation_vector,
 )
 from sim.scenery import NamedPose, add_bodies, add_ground, ground_at, ground_factor, pose_of, robot_factor
 from softbot.errors import InputError, SimulationError
@@ -371,6 +372,41 @@ class BulletTwin:
         points = np.vstack([first, self._joint[1:], last]) + self._fall()[0]
         axes = np.vstack([self._rotation[0, :, 0], self._rotation[1:, :, 0], self._rotation[-1, :, 0]])
         return points, axes
+
+    def elastic_energy_J(self) -> float:
+        """Of the joints, against the rest strains [J]."""
+        turn, total = np.empty(3), 0.0
+        for kind, quaternion, slide in zip(self._joint_kind, self._joint_quaternion, self._joint_slide, strict=True):
+            if kind == SPHERICAL:
+                rotation_vector(quaternion, turn)
+                off = turn - self._rest_rotation
+                total += 0.5 * float(off @ self._rotation_stiffness @ off)
+            else:
+                total += 0.5 * float(self._slide_stiffness) * float(slide - self._rest_slide) ** 2
+        return total
+
+    def energy_J(self) -> float:
+        """Kinetic, elastic (against the rest strains) and gravitational energy [J], the ground's springs left out."""
+        self.motion()  # the velocities of the bodies
+        fallen_m, falling_m_s = self._fall()
+        velocity = self._body_velocity + falling_m_s
+        spin = np.einsum("bki,bk->bi", self._rotation, self._body_spin)  # in each body's own axes
+        kinetic = 0.5 * float(self._mass_kg @ np.sum(velocity**2, axis=1) + np.sum(self._inertia * spin**2))
+        weight = float(np.sum(self._weight_N * (self._centre + fallen_m)))
+        return kinetic + self.elastic_energy_J() - weight
+
+    def centre_velocity_m_s(self) -> FloatArray:
+        """Of the centre of mass, shape (3,) [m/s]."""
+        self.motion()
+        velocity: FloatArray = self._mass_kg @ self._body_velocity / self._body.mass_kg + self._fall()[1]
+        return velocity
+
+    @property
+    def penetration_m(self) -> float:
+        """How deep the lowest segment's centre is below where it would just touch a flat floor [m]."""
+        if self._world.ground != "plane":
+            return 0.0
+        return max(0.0, self._body.radius_m - float(self._centre[:, 2].min()))
 
     def bodies(self) -> list[NamedPose]:
         """Name, centre [m] and orientation (x, y, z, w) of each of the other bodies now."""

@@ -39,6 +39,7 @@ FloatArray = NDArray[np.float64]
 
 # static penetration under an even load over the radius; where few points may carry the robot, stiffer
 _CONTACT_SINK = {NO_GROUND: 0.01, PLANE: 0.01, STEP: 0.001, PIPE: 0.001}
+_STUBBY, _STUBBY_SINK = 6.0, 0.005  # a tube shorter than so many radii stands unevenly on its friction
 _CONTACT_DAMPING_RATIO = 1.0
 _LEAST_GRAVITY_M_S2 = 1.0  # for the ground's stiffness, where there is less or none
 _SLEEP_SPEED = 1e-5  # of √(gR): slower is at rest
@@ -288,6 +289,17 @@ class RodTwin:
         centre = self._state.position_m[:, None] + self._work.place_m
         return centre.T.copy(), rate[:3].T.copy(), (rate[3:6] * (2.0 / self._physics.radius_m)).T.copy()
 
+    @property
+    def point_mass_kg(self) -> FloatArray:
+        """Mass that each contact point stands for, shape (points,) [kg]: of a symmetric tube both mirror images."""
+        mass: FloatArray = self._rule.root_mass**2
+        return mass
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tube is its own mirror image about x = 0."""
+        return self._physics.mirrored
+
     def shape(self) -> tuple[FloatArray, FloatArray]:
         """Centre line (n, 3) [m] and section axis e1 (n, 3) along the robot now, equally spaced, ends included."""
         state, half = self._state, self._half
@@ -366,7 +378,8 @@ def _physics(
     stretches: bool,
 ) -> Physics:
     gravity = world.gravity_vector_m_s2
-    stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (_CONTACT_SINK[ground] * body.radius_m)
+    sink = min(_CONTACT_SINK[ground], _STUBBY_SINK if body.length_m < _STUBBY * body.radius_m else math.inf)
+    stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (sink * body.radius_m)
     viscous = world.friction_law == "viscous"
     return Physics(
         step_s=float(step_s),

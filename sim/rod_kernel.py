@@ -52,12 +52,17 @@ _LARGEST_TURN = 0.32  # rad in a step, of the base: 20 steps a turn
 _LARGEST_BEND = 1.0  # rad in a step, from end to end
 _LARGEST_SWING = 0.5  # turn of the velocity in a step, by inertia alone
 _LARGEST_STRETCH = 0.3  # in a step
+_LARGEST_LIFT = 0.01  # of the radius, in a step
+_LEAST_STRETCH = 0.1
+_WAKING = 0.125  # of a step: the first one of a robot that slept
 _HALVINGS = 14
 _AFTER_KINK = 0.02  # bending stiffness beyond the kink over that of the straight tube: keeps the tube finite
 _REST_TIME_S = 0.1
 
 _ENERGY_SLACK = 2e-3
-_AUDIT_STEPS = 16  # from one audit of the energy to the next, in a motion that takes its steps undivided
+_AUDIT_STEPS = 16  # from one audit of the energy to the next, where steps are neither divided
+_EASY_SOLVES = 2.0  # nor solved more often than so
+_WATCHED_STEPS = 512.0  # halved and audited one by one after one that had made energy
 
 ALOFT, RESTED, TIME, WORK, ADVICE, KINKED, STEPS, ASLEEP, SOLVES, AUDITED, CEILING, LARGEST, CREATED = range(13)
 
@@ -90,6 +95,27 @@ def _turn_by(x: float, y: float, z: float, rotation: FloatArray) -> None:
         rotation[k, 0] = 0.5 * ((3.0 - g00) * px - g01 * py - g02 * pz)
         rotation[k, 1] = 0.5 * ((3.0 - g11) * py - g01 * px - g12 * pz)
         rotation[k, 2] = 0.5 * ((3.0 - g22) * pz - g02 * px - g12 * py)
+
+
+@inner
+def _advance_rotation(
+    span_s: float, tangent: FloatArray, omega_x: float, omega_y: float, omega_z: float, rotation: FloatArray
+) -> None:
+    """Turn a section for `span_s` at ω: its tangent by what is across, then about itself by what is along.
+
+    Together they would be a turn about one fixed axis, and the tangent of a fast roll would nutate about that.
+    tangent: in the middle of the turn, shape (3,).
+    """
+    tx, ty, tz = tangent[0], tangent[1], tangent[2]
+    along = tx * omega_x + ty * omega_y + tz * omega_z
+    _turn_by(
+        span_s * (omega_x - along * tx), span_s * (omega_y - along * ty), span_s * (omega_z - along * tz), rotation
+    )
+    cosine, sine = np.cos(span_s * along), np.sin(span_s * along)
+    for k in range(3):
+        first, second = rotation[k, 0], rotation[k, 1]
+        rotation[k, 0] = cosine * first + sine * second
+        rotation[k, 1] = cosine * second - sine * first
 
 
 @inner
@@ -183,7 +209,7 @@ def _place(state: State, physics: Physics, rule: Rule, work: Work, layout: Layou
         for c in range(axes):
             work.rotation[k, c] = state.rotation[k, c]
     if ahead_s != 0.0:
-        _turn_by(ahead_s * velocity[3], ahead_s * velocity[4], ahead_s * velocity[5], work.rotation)
+        _advance_rotation(ahead_s, state.rotation[:, 2], velocity[3], velocity[4], velocity[5], work.rotation)
     n, modes, half, base, columns = layout.points, layout.modes, layout.half, layout.base, layout.columns
     stretch = strain[3 * modes] if physics.stretches else 1.0
     _place_sections(strain, work.rotation, rule, section)
@@ -596,12 +622,17 @@ def _outside_impulse(
 
 @inner
 def _trusted(
-    h: float, length_m: float, modes: int, stretch: float, vector: FloatArray, mean: FloatArray, column: FloatArray
-) -> int:
+    h: float, length_m: float, radius_m: float, modes: int, stretch: float, touching: bool, vector: FloatArray,
+    mean: FloatArray, column: FloatArray, theta: FloatArray, strain: FloatArray,
+) -> int:  # fmt: skip
     """0: the step may stand; 1: it turns, bends or stretches the rod too far; 2: it is not finite."""
+    gained = 0.0  # of the base's ω
     for d in range(vector.shape[0]):
-        if not (abs(vector[d]) < _LARGEST_SPEED and abs(mean[int(column[d])]) < _LARGEST_SPEED):
+        f = int(column[d])
+        if not (abs(vector[d]) < _LARGEST_SPEED and abs(mean[f]) < _LARGEST_SPEED):
             return 2
+        if 3 <= f < 6:
+            gained += vector[d] * vector[d]
     turn = h * np.sqrt(mean[3] ** 2 + mean[4] ** 2 + mean[5] ** 2)
     bend = 0.0
     for a in range(3 * modes):
@@ -610,6 +641,10 @@ def _trusted(
         return 1
     if mean.shape[0] > 6 + 3 * modes and abs(h * mean[6 + 3 * modes]) > _LARGEST_STRETCH * stretch:
         return 1
+    if touching:  # what lies flat rolls and bends at once: where these have θ of their own it leaves the ground
+        arch = 0.125 * length_m * min(length_m * np.sqrt(strain[0] * strain[0] + strain[1] * strain[1]), 4.0)
+        if h * abs(theta[3] - theta[6]) * np.sqrt(gained) * arch > _LARGEST_LIFT * radius_m:
+            return 1
     return 0
 
 
@@ -757,7 +792,9 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
             0.5 * h, physics.mass_kg, gx, gy, gz, state.push_N, state.push_N_m, work.place_m, arm, state.momentum, now
         )  # fmt: skip
         _base_that_keeps_momentum(base, now, column, arm, theta, velocity, matrix, mean, vector, scratch)
-    verdict = _trusted(h, physics.length_m, modes, stretch, vector, mean, column)
+    verdict = _trusted(
+        h, physics.length_m, physics.radius_m, modes, stretch, touching, vector, mean, column, theta, strain
+    )  # fmt: skip
     if verdict > 0:
         velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
         return verdict
@@ -789,9 +826,12 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         state.gain[d] = vector[d] / h
     for a in range(strain.shape[0]):
         strain[a] += h * mean[6 + a]
+    if physics.stretches and strain[3 * modes] < _LEAST_STRETCH:  # squeezed flat: no law of the wall goes further
+        strain[3 * modes] = _LEAST_STRETCH
+        velocity[6 + 3 * modes] = max(velocity[6 + 3 * modes], 0.0)
     for k in range(3):
         position[k] += h * mean[k]
-    _turn_by(h * mean[3], h * mean[4], h * mean[5], state.rotation)
+    _advance_rotation(h, work.rotation[:, 2], mean[3], mean[4], mean[5], state.rotation)
     _carry(work.rotation, state.rotation, velocity)
     still = moving < physics.mass_kg * physics.sleep_speed_m_s**2
     if still and (touching or (gx == 0.0 and gy == 0.0 and gz == 0.0)):
@@ -885,7 +925,6 @@ def _audit(state: State, physics: Physics, rule: Rule, contacts: Contacts, work:
     if flag[ALOFT] == 0.0 and physics.ground > 0:
         energy += ground_energy(state.position_m, physics, contacts, rule.root_mass, work.place_m)
     elastic = _elastic_energy(state.strain, state.rest_strain, state.stiffness)
-    flag[LARGEST] = max(flag[LARGEST], kinetic + elastic)
     excess = energy - flag[CEILING]
     if flag[AUDITED] > 0.0 and excess > 0.0:
         least = rigid if kept else 0.0
@@ -893,10 +932,14 @@ def _audit(state: State, physics: Physics, rule: Rule, contacts: Contacts, work:
         flag[CREATED] += (1.0 - share) * (kinetic - least)
         for f in range(6 if kept else 0, velocity.shape[0]):
             velocity[f] *= np.sqrt(share)
-        energy = flag[CEILING]
+        energy -= (1.0 - share) * (kinetic - least)
+        kinetic = least + share * (kinetic - least)
+        flag[CEILING] = max(flag[CEILING], energy)  # what is left is in the walls and the weight
+        flag[AUDITED] = _WATCHED_STEPS
+    flag[LARGEST] = max(flag[LARGEST], kinetic + elastic)
     reached = energy + _ENERGY_SLACK * flag[LARGEST]
     flag[CEILING] = min(flag[CEILING], reached) if flag[AUDITED] > 0.0 else reached
-    flag[AUDITED] = 1.0
+    flag[AUDITED] = max(flag[AUDITED] - 1.0, 1.0)
 
 
 @inner
@@ -955,15 +998,19 @@ def _write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: L
 
 
 @inner
-def _change_rest(
-    k1: float, k2: float, strain: FloatArray, rest: FloatArray, stiffness: FloatArray, flag: FloatArray
-) -> bool:
-    """New rest curvature; the actuators' work goes into the ledger. False when it is the old one."""
+def _follow_drive(drive: FloatArray, t_s: float, h: float, state: State, physics: Physics, theta: FloatArray) -> bool:
+    """Rest curvature for the step of h from t_s; the actuators' work goes into the ledger. False when it is the old."""
+    strain, rest, velocity, flag = state.strain, state.rest_strain, state.velocity, state.flag
+    _set_theta(h, physics.damping_time_s, state.modal_rate_1_s2, theta)
+    # the bend as it will lie at the middle of the step, for the second order
+    bend_1, bend_2 = strain[1] + 0.5 * h * velocity[7], -strain[0] - 0.5 * h * velocity[6]
+    k1, k2 = rest_curvature(drive, t_s, h, theta[6], bend_1, bend_2, state.lagged_1_m)
     if rest[0] == -k2 and rest[1] == k1:
         return False
-    before = _elastic_energy(strain, rest, stiffness)
+    before = _elastic_energy(strain, rest, state.stiffness)
     rest[0], rest[1] = -k2, k1
-    flag[WORK] += _elastic_energy(strain, rest, stiffness) - before
+    flag[WORK] += _elastic_energy(strain, rest, state.stiffness) - before
+    flag[RESTED] = flag[ASLEEP] = 0.0
     return True
 
 
@@ -993,35 +1040,40 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         quiet_s = quiet_until_s(drive) - 2.0 * macro  # a straight tube that sleeps has nothing to look at until then
         if drive[0] > 0.0 and (state.rest_strain[0] != 0.0 or state.rest_strain[1] != 0.0):
             quiet_s = -1.0
+        if physics.stretches and not state.rest_strain[3 * layout.modes] > 0.0:
+            return 0
         for sample in range(samples):
             for _ in range(steps):
                 if flag[ASLEEP] > 0.0 and flag[TIME] < quiet_s:
                     flag[TIME] += macro
                     continue
-                _set_theta(macro, physics.damping_time_s, state.modal_rate_1_s2, work.theta)
-                if drive[0] > 0.0:
-                    # the bend as it will lie at the middle of the step, for the second order
-                    bend_1 = state.strain[1] + 0.5 * macro * state.velocity[7]
-                    bend_2 = -state.strain[0] - 0.5 * macro * state.velocity[6]
-                    k1, k2 = rest_curvature(
-                        drive, flag[TIME], macro, work.theta[6], bend_1, bend_2, state.lagged_1_m
-                    )  # fmt: skip
-                    if _change_rest(k1, k2, state.strain, state.rest_strain, state.stiffness, flag):
-                        flag[RESTED] = flag[ASLEEP] = 0.0
                 if flag[ASLEEP] > 0.0:
-                    flag[TIME] += macro
-                    continue
+                    lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
+                    if drive[0] == 0.0 or not _follow_drive(drive, flag[TIME], macro, state, physics, work.theta):
+                        flag[TIME] += macro
+                        continue
+                    # nothing is known yet of what it wakes to
+                    state.lagged_1_m[0], state.lagged_1_m[1] = lagged_1, lagged_2
+                    flag[ADVICE], flag[AUDITED] = _WAKING * macro, 1.0 / _WAKING
                 done = 0.0
                 while done < macro:
                     h = macro - done
+                    if flag[AUDITED] > 1.0:  # this step makes energy
+                        h = min(h, 0.5 * macro)
                     if flag[ADVICE] < h:
                         h /= np.ceil(h / flag[ADVICE] - 1e-9)
+                    solves = flag[SOLVES]
+                    lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
+                    if drive[0] > 0.0:
+                        _follow_drive(drive, flag[TIME] + done, h, state, physics, work.theta)
                     verdict = _step(h, state, physics, rule, contacts, work, layout)
                     if verdict == 0:
-                        if not pushed and (h < macro or flag[STEPS] % _AUDIT_STEPS == 1.0):
+                        troubled = h < macro or flag[SOLVES] > solves + _EASY_SOLVES or flag[AUDITED] > 1.0
+                        if not pushed and (troubled or flag[STEPS] % _AUDIT_STEPS == 1.0):
                             _audit(state, physics, rule, contacts, work, layout)
                         done = macro if h >= (macro - done) * (1.0 - 1e-12) else done + h
                     else:
+                        state.lagged_1_m[0], state.lagged_1_m[1] = lagged_1, lagged_2
                         flag[ADVICE] = 0.5 * h
                         if flag[ADVICE] < 2.0**-_HALVINGS * macro:
                             going = False

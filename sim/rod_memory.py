@@ -93,9 +93,9 @@ class State(NamedTuple):
     flag: FloatArray
     """0: 1 when nothing touched in the last step; 1: seconds at rest; 2: time [s]; 3: actuators' work [J]; 4: step that
     the last one left as advice [s]; 5: time of the first kink [s], or −1; 6: steps taken; 7: 1 while asleep;
-    8: solves of the equations; 9: 1 once the energy has been audited; 10: what it less the work must not exceed [J];
-    11: largest kinetic and elastic energy so far [J]; 12: energy that steps have made and that was taken out again [J];
-    shape (13,).
+    8: solves of the equations; 9: steps whose energy is to be audited one by one, 1: none, 0: none was yet; 10: what
+    the energy less the work must not exceed [J]; 11: largest kinetic and elastic energy so far [J]; 12: energy that
+    steps have made and that was taken out again [J]; shape (13,).
     """
     rest_strain: FloatArray
     """Shape (s,)."""

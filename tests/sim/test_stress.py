@@ -7,9 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from sim.stress import DEPTH, judge_seed, random_trial
+from sim.stress import DEPTH, judge, judge_seed, random_segment_trial, random_trial
 
 CHUNK = 250
+FOUND = (853, 896, 1691, 1707, 1874, 1886, 3161, 4129, 4177, 4738, 8964, 9055, 9468)
+"""Trials that failed once: energy made, strains out of range, sunk at rest."""
 
 
 def judged(seeds: range) -> Counter[str]:
@@ -22,6 +24,19 @@ def judged(seeds: range) -> Counter[str]:
 @pytest.mark.parametrize("first", [0, 10, 20])
 def test_some_random_scenes_keep_their_invariants_or_are_refused(first: int) -> None:
     assert judged(range(first, first + 10))["kept"] >= 5
+
+
+@pytest.mark.parametrize("seed", FOUND)
+def test_a_scene_that_failed_once_is_kept_or_refused(seed: int) -> None:
+    assert not judge_seed(seed).failed
+
+
+@pytest.mark.stress
+@pytest.mark.parametrize("first", range(0, 300, 20))
+def test_three_hundred_scenes_of_the_segment_twin_keep_their_invariants(first: int) -> None:
+    verdicts = {seed: judge(random_segment_trial(seed)) for seed in range(first, first + 20)}
+    assert {seed: verdict.words for seed, verdict in verdicts.items() if verdict.failed} == {}
+    assert sum(verdict.outcome == "kept" for verdict in verdicts.values()) >= 10
 
 
 @pytest.mark.stress
@@ -37,6 +52,6 @@ def test_a_seed_is_always_the_same_trial() -> None:
 
 def test_a_kept_trial_says_what_was_measured() -> None:
     verdict = next(v for v in map(judge_seed, range(20)) if v.outcome == "kept")
-    assert verdict.measures["finite"] == 1.0
+    assert verdict.measures["rotation"] < 1e-9
     assert np.isfinite(list(verdict.measures.values())).all()
-    assert verdict.measures.get("depth", 0.0) <= DEPTH or verdict.measures.get("plane") == 0.0
+    assert verdict.measures.get("depth", 0.0) <= DEPTH
