@@ -210,6 +210,7 @@ class BoardRules:
                     {
                         "BoardMode": self.state.mode,
                         "SafeReason": self.state.reason,
+                        "Health": 0,
                         "ArmChallenge": self.state.challenge,
                         "UptimeS": max(t_us - self.state.started_us, 0) // 1_000_000,
                     },
@@ -376,7 +377,7 @@ class BoardRules:
                 self._latch(SafeReason.SENSOR_INVALID, chamber=chamber)
                 return
             if pressure_Pa > self.limits.over_pressure_Pa:
-                detail = min(round(pressure_Pa / PASCAL_PER_KILOPASCAL), 0xFFFF)
+                detail = min(math.ceil(pressure_Pa / 100.0), 0xFFFF)
                 self._latch(SafeReason.OVER_PRESSURE, chamber=chamber, detail=detail)
                 return
         self.state.pressures_valid = True

@@ -235,7 +235,7 @@ class SequencerLink:
                     int(signals["Detail"]),
                 )
                 self._follow(BoardMode.SAFE_LATCHED, reason)
-            case _:  # BoardBoot, the last message that a sequencer receives
+            case "BoardBoot":
                 readings.board_version = (
                     int(signals["VersionMajor"]),
                     int(signals["VersionMinor"]),

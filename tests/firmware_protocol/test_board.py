@@ -323,7 +323,7 @@ def test_over_pressure_latches_and_holds_until_it_is_gone(stage: str, chamber: i
     pressures[chamber] = 250.6e3
     bench.tick()
     fault = bench.faults()[0]
-    assert (fault["Chamber"], fault["Detail"]) == (chamber, 251)
+    assert (fault["Chamber"], fault["Detail"]) == (chamber, 2506)
     assert_latched(bench, SafeReason.OVER_PRESSURE)
     bench.control(ControlMode.DISARM)
     assert_latched(bench, SafeReason.OVER_PRESSURE)
