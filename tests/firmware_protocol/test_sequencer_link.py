@@ -186,7 +186,7 @@ def test_a_lost_fault_report_is_made_up_for_by_the_heartbeat() -> None:
 
 def test_a_board_of_another_dbc_is_not_armed() -> None:
     loop = Loop()
-    loop.board._dbc_hash ^= 1
+    loop.board.machine.dbc_hash ^= 1
     loop.link.arm()
     modes: list[int] = []
     for _ in range(50):
