@@ -18,7 +18,7 @@ from firmware_protocol.frame import Frame
 from firmware_protocol.spec import MessageSpec, SignalKind, SignalSpec, spec, unknown_message
 from firmware_protocol.spec import dbc_hash as dbc_hash
 
-_RANGE_SLACK_STEPS = 1e-6
+RANGE_SLACK_STEPS = 1e-6
 
 
 class _Field(NamedTuple):
@@ -146,8 +146,8 @@ def _field(signal: SignalSpec) -> _Field:
         offset=signal.offset,
         raw_minimum=signal.raw_minimum,
         raw_maximum=signal.raw_maximum,
-        lowest=signal.raw_minimum - _RANGE_SLACK_STEPS,
-        highest=signal.raw_maximum + _RANGE_SLACK_STEPS,
+        lowest=signal.raw_minimum - RANGE_SLACK_STEPS,
+        highest=signal.raw_maximum + RANGE_SLACK_STEPS,
         saturated=signal.kind is SignalKind.SATURATED_NUMBER,
         whole=signal.whole,
         allowed=frozenset(signal.choices) if signal.kind is SignalKind.ENUMERATION else None,
