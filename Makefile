@@ -6,7 +6,7 @@ BIN = .venv/bin
 READY = .venv/ready
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 demo: $(READY) ## run the paper's experiment into runs/demo
 	$(BIN)/softbot demo --out runs/demo
@@ -28,6 +28,9 @@ stress: $(READY) ## long campaigns
 bench: $(READY) ## run time against error
 	$(BIN)/softbot bench
 
+c-reference: $(READY) ## write the C reference for firmware into build/c-reference
+	$(BIN)/python -m firmware_protocol.c_reference build/c-reference
+
 lock: ## write requirements.lock anew from pyproject.toml (needs uv)
 	@PATH="$(BIN):$$PATH"; command -v uv >/dev/null || { echo 'make lock needs uv: $(BIN)/pip install uv' >&2; exit 1; }
 	PATH="$(BIN):$$PATH" uv pip compile pyproject.toml --output-file requirements.lock --extra dev --universal \
@@ -41,4 +44,4 @@ clean: ## remove what make made: .venv, caches, coverage (runs/ stays)
 $(READY): requirements.lock pyproject.toml .ci/set_up.sh
 	@.ci/set_up.sh $(READY)
 
-.PHONY: help demo test check slow stress bench lock clean
+.PHONY: help demo test check slow stress bench c-reference lock clean

@@ -48,5 +48,10 @@ echo 'softbot: installing what requirements.lock says (some minutes the first ti
 pip() { .venv/bin/python -m pip --disable-pip-version-check --no-input --quiet "$@"; }
 pip install --require-hashes -r requirements.lock || fail \
   'The packages could not be installed (see above). Is the package index reachable?'
+if ! command -v cc gcc clang >/dev/null; then
+  echo 'softbot: no C compiler here; installing the one of the package ziglang (100 MB) for the C reference'
+  pip install --require-hashes -r .ci/c_compiler.txt || fail \
+    'The C compiler could not be installed (see above): apt install gcc libc6-dev is the other way.'
+fi
 pip install --no-deps -e . || fail 'softbot itself could not be installed (see above).'
 touch "$stamp"

@@ -18,7 +18,7 @@ from firmware_protocol.frame import Frame
 from firmware_protocol.spec import MessageSpec, SignalKind, SignalSpec, spec, unknown_message
 from firmware_protocol.spec import dbc_hash as dbc_hash
 
-_RANGE_SLACK_STEPS = 1e-6
+RANGE_SLACK_STEPS = 1e-6
 
 
 class _Field(NamedTuple):
@@ -95,6 +95,12 @@ def decode(frame_id: int, data: bytes) -> tuple[str, dict[str, float]]:
     Raises FrameError for an unknown identifier, a wrong length, a reserved bit that is set, a value out of
     range or not in its value table.
     """
+    name, raw = unpack(frame_id, data)
+    return name, physical(name, raw)
+
+
+def unpack(frame_id: int, data: bytes) -> tuple[str, dict[str, int]]:
+    """Name and signals of a frame as the whole numbers that it carries; else as `decode`."""
     layout = _layouts()[1].get(frame_id)
     if layout is None:
         raise FrameError(f"identifier {frame_id:#05x} is not in softbot.dbc")
@@ -104,7 +110,7 @@ def decode(frame_id: int, data: bytes) -> tuple[str, dict[str, float]]:
     word = int.from_bytes(data, "little")
     if word & message.reserved_mask:
         raise FrameError(f"{message.name}: reserved bits are set ({word & message.reserved_mask:#x})")
-    values: dict[str, float] = {}
+    values: dict[str, int] = {}
     for field in layout.fields:
         raw = (word >> field.start) & field.mask
         if raw & field.sign_bit:
@@ -113,8 +119,16 @@ def decode(frame_id: int, data: bytes) -> tuple[str, dict[str, float]]:
             _refuse_value(layout, field, raw * field.scale + field.offset, "is out of range")
         if field.allowed is not None and raw not in field.allowed:
             _refuse_value(layout, field, raw, "is not in the value table")
-        values[field.name] = raw if field.whole else raw * field.scale + field.offset
+        values[field.name] = raw
     return message.name, values
+
+
+def physical(name: str, raw: Mapping[str, int]) -> dict[str, float]:
+    """The physical values [DBC units] of the raw ones that `unpack` gave for message `name`."""
+    return {
+        field.name: raw[field.name] if field.whole else raw[field.name] * field.scale + field.offset
+        for field in _layouts()[0][name].fields
+    }
 
 
 def _layout(message: MessageSpec) -> _Layout:
@@ -132,8 +146,8 @@ def _field(signal: SignalSpec) -> _Field:
         offset=signal.offset,
         raw_minimum=signal.raw_minimum,
         raw_maximum=signal.raw_maximum,
-        lowest=signal.raw_minimum - _RANGE_SLACK_STEPS,
-        highest=signal.raw_maximum + _RANGE_SLACK_STEPS,
+        lowest=signal.raw_minimum - RANGE_SLACK_STEPS,
+        highest=signal.raw_maximum + RANGE_SLACK_STEPS,
         saturated=signal.kind is SignalKind.SATURATED_NUMBER,
         whole=signal.whole,
         allowed=frozenset(signal.choices) if signal.kind is SignalKind.ENUMERATION else None,

@@ -96,12 +96,13 @@ class Receiver:
         self.counts: dict[FrameStatus, int] = dict.fromkeys(FrameStatus, 0)
 
     def check(self, data: bytes) -> FrameStatus:
-        """Judges one frame and takes over its counter, unless the CRC is wrong."""
-        status = self._judge(data)
+        """Judges one frame, takes over its counter unless the CRC is wrong, and counts what came out."""
+        status = self.judge(data)
         self.counts[status] += 1
         return status
 
-    def _judge(self, data: bytes) -> FrameStatus:
+    def judge(self, data: bytes) -> FrameStatus:
+        """As `check`, for a caller that counts for itself."""
         if not check(self.message.name, data):
             return FrameStatus.WRONG_CRC
         counter = data[1] & 0x0F

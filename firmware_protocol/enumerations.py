@@ -60,12 +60,54 @@ class SequencerState(IntEnum):
 
 
 class Health(IntEnum):
-    """SequencerHeartbeat.Health."""
+    """SequencerHeartbeat.Health and BoardHeartbeat.Health."""
 
     OK = 0
     WARNING = 1
     DEGRADED = 2
     FAILED = 3
+
+
+class BusState(IntEnum):
+    """BoardErrors.BusState and SequencerErrors.BusState: fault confinement of ISO 11898-1."""
+
+    ERROR_ACTIVE = 0
+    ERROR_PASSIVE = 1
+    BUS_OFF = 2
+
+
+class ParameterOperation(IntEnum):
+    """ParameterRequest.Operation."""
+
+    READ = 0
+    WRITE = 1
+
+
+class Parameter(IntEnum):
+    """ParameterRequest.Parameter; units in `parameters`."""
+
+    MAX_SETPOINT = 1
+    OVER_PRESSURE = 2
+    COMMAND_TIMEOUT = 3
+    HEARTBEAT_TIMEOUT = 4
+    ARMING_TIMEOUT = 5
+    MAX_COUNTER_DELTA = 6
+    TOLERATED_ERRORS = 7
+    WINDOW_FRAMES = 16
+    SETPOINTS_CLAMPED = 17
+    LATCHES = 18
+
+
+class AbortCode(IntEnum):
+    """ParameterResponse.AbortCode."""
+
+    DONE = 0
+    UNKNOWN_PARAMETER = 1
+    READ_ONLY = 2
+    WOULD_RAISE = 3
+    TOO_LOW = 4
+    CONTRADICTS = 5
+    WRONG_MODE = 6
 
 
 class EmergencyReason(IntEnum):

@@ -25,3 +25,7 @@ class BusError(ProtocolError):
 
 class TraceError(ProtocolError):
     """A trace that cannot be written or is not one."""
+
+
+class CompilerError(ProtocolError):
+    """The C reference cannot be written or compiled. The message says what is missing, or what the compiler said."""

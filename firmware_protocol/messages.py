@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 CHAMBERS = 4
 PASCAL_PER_KILOPASCAL = 1000.0
+PASCAL_PER_HECTOPASCAL = 100.0  # 1 hPa = 0.1 kPa, the bus's step of a chamber's pressure
 
 FourValues = tuple[float, float, float, float]
 ThreeValues = tuple[float, float, float]

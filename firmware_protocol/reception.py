@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from firmware_protocol.codec import decode
+from firmware_protocol.codec import physical, unpack
 from firmware_protocol.e2e import FrameStatus, Receiver
 from firmware_protocol.errors import FrameError, LimitsError
 from firmware_protocol.spec import MessageSpec, spec
@@ -17,15 +17,20 @@ from firmware_protocol.spec import MessageSpec, spec
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A judged frame. `name`: None when not listed. `signals`: decoded when accepted, else empty.
+    """A judged frame. `name`: None when not listed. `raw`: its signals as carried when accepted, else empty.
 
     `beyond_tolerance`: this refusal is one more than the tolerance over the window of its message.
     """
 
     status: FrameStatus
     name: str | None = None
-    signals: dict[str, float] = field(default_factory=dict)
+    raw: dict[str, int] = field(default_factory=dict)
     beyond_tolerance: bool = False
+
+    @property
+    def signals(self) -> dict[str, float]:
+        """The signals [physical, DBC units]; empty unless accepted."""
+        return physical(self.name, self.raw) if self.name is not None and self.raw else {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,30 +99,49 @@ class Reception:
             self.not_listed += 1
             return Received(FrameStatus.NOT_LISTED)
         name = entry.message.name
-        status, signals = self._judge(entry, data)
+        status, raw = self._judge(entry, data)
+        entry.counts[status] += 1
         refused = not status.accepted
         entry.window_bits = (entry.window_bits << 1 | refused) & self._window_mask
         if refused:
             beyond = entry.window_bits.bit_count() > self.limits.tolerated_errors
             return Received(status, name, beyond_tolerance=beyond)
         entry.last_accepted_us = t_us
-        return Received(status, name, signals)
+        return Received(status, name, raw)
 
-    def _judge(self, entry: MessageReception, data: bytes) -> tuple[FrameStatus, dict[str, float]]:
+    def _judge(self, entry: MessageReception, data: bytes) -> tuple[FrameStatus, dict[str, int]]:
         if len(data) != entry.message.length_bytes:
-            entry.counts[FrameStatus.MALFORMED] += 1
             return FrameStatus.MALFORMED, {}
-        status = entry.receiver.check(data)
+        status = entry.receiver.judge(data)
         if entry.message.name in self.counter_exempt and status is not FrameStatus.WRONG_CRC:
             status = FrameStatus.OK
         if not status.accepted:
             return status, {}
         try:
-            return status, decode(entry.message.frame_id, data)[1]
+            return status, unpack(entry.message.frame_id, data)[1]
         except FrameError:
-            entry.counts[status] -= 1
-            entry.counts[FrameStatus.MALFORMED] += 1
             return FrameStatus.MALFORMED, {}
+
+    def tighten(self, max_counter_delta: int, tolerated_errors: int) -> None:
+        """Takes over these two limits from now on."""
+        self.limits = ReceptionLimits(max_counter_delta, self.limits.window_frames, tolerated_errors)
+        for entry in self.messages.values():
+            entry.receiver.max_delta = max_counter_delta
+
+    @property
+    def protection_errors(self) -> int:
+        """Frames of listed messages that were refused by CRC or counter so far."""
+        return sum(entry.counts[status] for entry in self.messages.values() for status in _PROTECTION_ERRORS)
+
+    @property
+    def refused_frames(self) -> int:
+        """Frames that were refused by identifier, direction, length, reserved bits or range so far."""
+        return self.not_listed + sum(entry.counts[FrameStatus.MALFORMED] for entry in self.messages.values())
+
+    @property
+    def blemished(self) -> bool:
+        """Whether any window holds a refusal."""
+        return any(entry.window_bits for entry in self.messages.values())
 
     def age_us(self, name: str, t_us: int) -> int | None:
         """Time since the last accepted frame of this message; None if there was none."""
@@ -133,3 +157,6 @@ class Reception:
         """Forgets when frames came; for a clock that went backwards."""
         for entry in self.messages.values():
             entry.last_accepted_us = None
+
+
+_PROTECTION_ERRORS = (FrameStatus.REPEATED, FrameStatus.WRONG_SEQUENCE, FrameStatus.WRONG_CRC)

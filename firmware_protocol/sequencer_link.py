@@ -21,12 +21,14 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import NamedTuple
 
 from firmware_protocol.arming import arm_token
 from firmware_protocol.e2e import Sender
 from firmware_protocol.enumerations import (
     NO_CHAMBER,
     BoardMode,
+    BusState,
     ControlMode,
     EmergencyReason,
     FaultKind,
@@ -44,9 +46,11 @@ from firmware_protocol.messages import (
     four_signals,
     four_values,
 )
+from firmware_protocol.parameter_client import ParameterClient
 from firmware_protocol.reception import Received, Reception, ReceptionLimits
 from firmware_protocol.schedule import Schedule
 from firmware_protocol.spec import SEQUENCER, dbc_hash, message_spec, time_us
+from firmware_protocol.time_sync import ClockSync
 
 _NOTHING: FourValues = (0.0, 0.0, 0.0, 0.0)
 _KEPT_FAULTS = 16
@@ -83,17 +87,31 @@ class LinkFailure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LinkLimits:
-    """Ages at which an armed link gives up [s], and the tolerance for refused frames."""
+    """Ages at which an armed link gives up [s], and the tolerance for refused frames.
+
+    `board_version_major`: the firmware whose meaning of the messages this link was built for; another one is not armed.
+    """
 
     measurement_timeout_s: float = 0.1
     heartbeat_timeout_s: float = 0.2
     arming_timeout_s: float = 2.0
     reception: ReceptionLimits = field(default_factory=ReceptionLimits)
+    board_version_major: int = 0
 
     def __post_init__(self) -> None:
         for name in ("measurement_timeout_s", "heartbeat_timeout_s", "arming_timeout_s"):
             if not 0 < getattr(self, name) <= 60:
                 raise LimitsError(f"{name} = {getattr(self, name)} must be above 0 and at most 60 s")
+
+
+class ErrorCounters(NamedTuple):
+    """The content of a BoardErrors frame, in its order."""
+
+    bus_state: BusState
+    transmit_errors: int
+    receive_errors: int
+    protection_errors: int
+    refused_frames: int
 
 
 @dataclass(slots=True)
@@ -110,19 +128,22 @@ class BoardReadings:
     specific_force_m_s2: ThreeValues | None = None
     board_mode: BoardMode | None = None
     safe_reason: SafeReason = SafeReason.NONE
+    board_health: Health | None = None
     challenge: int = 0
     board_uptime_s: float | None = None
     board_version: tuple[int, int, int] | None = None
     board_dbc_hash: int | None = None
     last_fault: tuple[SafeReason, int | None, int] | None = None
     """Reason, chamber (None: no single one) and detail of the last BoardFault."""
+    board_errors: ErrorCounters | None = None
 
 
 class SequencerLink:
     """One object a sequencer.
 
     A cycle: `receive` every frame, read `readings`, control, then send `outgoing`. `state`, `failure`,
-    `readings` and `reception` are public.
+    `readings`, `reception`, `parameters` (reads, and lowers, the board's) and `clock` (the board's against this one)
+    are public.
     """
 
     def __init__(self, limits: LinkLimits | None = None) -> None:
@@ -134,6 +155,11 @@ class SequencerLink:
         self.sender = Sender()
         self.schedule = Schedule(SEQUENCER)
         self.faults_to_send: deque[dict[str, float]] = deque(maxlen=_KEPT_FAULTS)
+        self.parameters = ParameterClient()
+        self.clock = ClockSync()
+        self.bus_state = BusState.ERROR_ACTIVE
+        self.transmit_errors = 0
+        self.receive_errors = 0
         self._dbc_hash = dbc_hash()
         self._now_us: int | None = None
         self._started_us = 0
@@ -190,6 +216,10 @@ class SequencerLink:
             }
         )
 
+    def report_bus(self, bus_state: BusState, transmit_errors: int = 0, receive_errors: int = 0) -> None:
+        """Takes over what this end's CAN controller says of itself, for SequencerErrors."""
+        self.bus_state, self.transmit_errors, self.receive_errors = bus_state, transmit_errors, receive_errors
+
     # ------------------------------------------------------------------ what comes in
 
     def receive(self, frame_id: int, data: bytes, t_s: float) -> Received:
@@ -199,7 +229,7 @@ class SequencerLink:
         if received.beyond_tolerance and self.state in _ACTIVE:
             self._fail(LinkFailure.PROTECTION_ERROR)
         if received.status.accepted:
-            self._take(received)
+            self._take(received, now_us)
         return received
 
     def age_s(self, name: str, t_s: float) -> float:
@@ -207,7 +237,7 @@ class SequencerLink:
         age_us = self.reception.age_us(name, time_us(t_s))
         return math.inf if age_us is None else age_us / 1e6
 
-    def _take(self, received: Received) -> None:
+    def _take(self, received: Received, now_us: int) -> None:
         readings, signals = self.readings, received.signals
         match received.name:
             case "BoardPressures":
@@ -223,6 +253,7 @@ class SequencerLink:
             case "ImuAccelerometer":
                 readings.specific_force_m_s2 = axis_values(signals)
             case "BoardHeartbeat":
+                readings.board_health = Health(int(signals["Health"]))
                 readings.challenge = int(signals["ArmChallenge"])
                 readings.board_uptime_s = signals["UptimeS"]
                 self._follow(BoardMode(int(signals["BoardMode"])), SafeReason(int(signals["SafeReason"])))
@@ -235,13 +266,26 @@ class SequencerLink:
                     int(signals["Detail"]),
                 )
                 self._follow(BoardMode.SAFE_LATCHED, reason)
-            case _:  # BoardBoot, the last message that a sequencer receives
+            case "BoardBoot":
                 readings.board_version = (
                     int(signals["VersionMajor"]),
                     int(signals["VersionMinor"]),
                     int(signals["VersionPatch"]),
                 )
                 readings.board_dbc_hash = int(signals["DbcHash"])
+            case "ParameterResponse":
+                self.parameters.take(received.raw)
+            case "TimeSyncResponse":
+                self.clock.take(received.raw, now_us)
+            case _:  # BoardErrors, the last message that a sequencer receives
+                raw = received.raw
+                readings.board_errors = ErrorCounters(
+                    BusState(raw["BusState"]),
+                    raw["TransmitErrors"],
+                    raw["ReceiveErrors"],
+                    raw["ProtectionErrors"],
+                    raw["RefusedFrames"],
+                )
 
     def _follow(self, mode: BoardMode, reason: SafeReason) -> None:
         """Moves with the mode that the board publishes."""
@@ -291,7 +335,23 @@ class SequencerLink:
         if self.faults_to_send and now_us >= self._next_fault_us:
             self._next_fault_us = now_us + self._fault_gap_us
             frames.append(self.sender.send("SequencerFault", self.faults_to_send.popleft()))
+        request = self.parameters.due(now_us)
+        if request is not None:
+            frames.append(self.sender.send("ParameterRequest", request))
+        if self.schedule.due("TimeSyncRequest", now_us):
+            frames.append(self.sender.send("TimeSyncRequest", self.clock.request(now_us)))
+        if self.schedule.due("SequencerErrors", now_us):
+            frames.append(self.sender.send("SequencerErrors", self._error_counters()))
         return frames
+
+    def _error_counters(self) -> dict[str, float]:
+        return {
+            "BusState": self.bus_state,
+            "TransmitErrors": self.transmit_errors,
+            "ReceiveErrors": self.receive_errors,
+            "ProtectionErrors": self.reception.protection_errors,
+            "RefusedFrames": self.reception.refused_frames,
+        }
 
     def _control_signals(self) -> dict[str, float]:
         mode, token = ControlMode.DISARM, 0
@@ -311,6 +371,10 @@ class SequencerLink:
             self._started_us = now_us
         elif now_us < self._now_us:
             self.reception.forget_times()
+            self.parameters.restart(now_us)
+            self.clock.forget()
+            self._next_fault_us = min(self._next_fault_us, now_us + self._fault_gap_us)
+            self._next_stop_us = None
             if self.state in _ACTIVE:
                 self._fail(LinkFailure.CLOCK_ERROR)
         self._now_us = now_us
@@ -335,7 +399,9 @@ class SequencerLink:
         if self._arming_since_us is None:
             self._arming_since_us = now_us
         readings = self.readings
-        if readings.board_dbc_hash is not None and readings.board_dbc_hash != self._dbc_hash:
+        if readings.board_version is not None and (
+            readings.board_dbc_hash != self._dbc_hash or readings.board_version[0] != self.limits.board_version_major
+        ):
             self._fail(LinkFailure.VERSION_MISMATCH)
         elif now_us - self._arming_since_us >= time_us(self.limits.arming_timeout_s):
             self._fail(LinkFailure.ARMING_TIMEOUT)

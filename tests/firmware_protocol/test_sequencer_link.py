@@ -155,7 +155,7 @@ def test_a_latched_board_fails_the_link_until_it_is_armed_anew() -> None:
     loop.pressures_Pa = (0.0, 0.0, 300e3, 0.0)
     loop.run(0.01)
     assert (loop.link.state, loop.link.failure) == (LinkState.FAILED, LinkFailure.BOARD_LATCHED)
-    assert loop.link.readings.last_fault == (SafeReason.OVER_PRESSURE, 2, 300)
+    assert loop.link.readings.last_fault == (SafeReason.OVER_PRESSURE, 2, 3000)
     assert loop.link.readings.safe_reason is SafeReason.OVER_PRESSURE
     loop.pressures_Pa = (0.0,) * 4
     loop.run(0.5)
@@ -186,7 +186,7 @@ def test_a_lost_fault_report_is_made_up_for_by_the_heartbeat() -> None:
 
 def test_a_board_of_another_dbc_is_not_armed() -> None:
     loop = Loop()
-    loop.board._dbc_hash ^= 1
+    loop.board.machine.dbc_hash ^= 1
     loop.link.arm()
     modes: list[int] = []
     for _ in range(50):
@@ -265,7 +265,7 @@ def test_a_board_that_restarts_fails_the_link() -> None:
 def test_a_board_disarmed_by_somebody_else_fails_the_link(state: LinkState) -> None:
     link = SequencerLink()
     link.state = state
-    heartbeat = {"BoardMode": BoardMode.DISARMED, "SafeReason": 0, "ArmChallenge": 0, "UptimeS": 0}
+    heartbeat = {"BoardMode": BoardMode.DISARMED, "SafeReason": 0, "Health": 0, "ArmChallenge": 0, "UptimeS": 0}
     for name in ("BoardPressures", "ImuGyro", "ImuAccelerometer", "BoardHeartbeat"):
         link.reception.messages[name].last_accepted_us = 0
     link.receive(*Sender().send("BoardHeartbeat", heartbeat), 0.0)

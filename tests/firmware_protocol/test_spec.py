@@ -28,6 +28,9 @@ IDENTIFIERS = {
     "SequencerSetpoints": 0x110,
     "SequencerHeartbeat": 0x120,
     "SequencerFault": 0x130,
+    "ParameterRequest": 0x140,
+    "TimeSyncRequest": 0x150,
+    "SequencerErrors": 0x160,
     "BoardPressures": 0x200,
     "BoardValves": 0x210,
     "BoardSupply": 0x220,
@@ -36,6 +39,9 @@ IDENTIFIERS = {
     "BoardFault": 0x240,
     "BoardHeartbeat": 0x250,
     "BoardBoot": 0x260,
+    "ParameterResponse": 0x270,
+    "TimeSyncResponse": 0x280,
+    "BoardErrors": 0x290,
 }
 CYCLE_S = {
     "SequencerControl": 0.02,
@@ -45,6 +51,12 @@ CYCLE_S = {
     "EmergencyStop": None,
     "SequencerFault": None,
     "BoardFault": None,
+    "ParameterRequest": None,
+    "ParameterResponse": None,
+    "TimeSyncRequest": 0.1,
+    "TimeSyncResponse": None,
+    "SequencerErrors": 1.0,
+    "BoardErrors": 1.0,
 }
 
 
@@ -63,6 +75,7 @@ def test_every_message_and_signal_is_documented() -> None:
         assert message.comment
         for signal in message.signals:
             assert signal.comment, (message.name, signal.name)
+            assert signal.unit, (message.name, signal.name)
             assert signal.minimum < signal.maximum
             # The fields fit their bits exactly or with room that the codec refuses.
             lowest, highest = (
@@ -99,6 +112,13 @@ def test_four_pressures_with_counter_and_crc_fill_eight_bytes() -> None:
         ("BoardHeartbeat", "BoardMode", enumerations.BoardMode),
         ("BoardHeartbeat", "SafeReason", enumerations.SafeReason),
         ("BoardFault", "Reason", enumerations.SafeReason),
+        ("BoardHeartbeat", "Health", enumerations.Health),
+        ("BoardErrors", "BusState", enumerations.BusState),
+        ("SequencerErrors", "BusState", enumerations.BusState),
+        ("ParameterRequest", "Operation", enumerations.ParameterOperation),
+        ("ParameterRequest", "Parameter", enumerations.Parameter),
+        ("ParameterResponse", "Parameter", enumerations.Parameter),
+        ("ParameterResponse", "AbortCode", enumerations.AbortCode),
     ],
 )
 def test_enumerations_are_the_value_tables(message: str, signal: str, enumeration: type) -> None:
@@ -126,7 +146,7 @@ def test_hash_follows_the_content_and_not_the_line_ends() -> None:
         ("EmergencyStop: 2 Sequencer", "EmergencyStop: 2 Vector__XXX", "one sender"),
         (r"SG_ Crc : 0\|8", "SG_ Checksum : 0|8", "must begin with Crc"),
         (r"SG_ Reason : 12\|4@1\+", "SG_ Reason : 15|4@0+", "little-endian"),
-        (r"\[0\|15\] \"\" Board\n\nBO_ 256", '[0|0] "" Board\n\nBO_ 256', "needs a range"),
+        (r"\[0\|15\] \"1\" Board\n\nBO_ 256", '[0|0] "1" Board\n\nBO_ 256', "needs a range"),
         ('BA_ "E2EDataIdList" BO_ 16 "03 ', 'BA_ "E2EDataIdList" BO_ 16 "0x ', "not hexadecimal"),
         ('BA_ "E2EDataIdList" BO_ 16 "03 ', 'BA_ "E2EDataIdList" BO_ 16 "', "needs 16 bytes, it has 15"),
         ('BA_ "GenMsgDelayTime" BO_ 16 10;', 'BA_ "GenMsgDelayTime" BO_ 16 0;', "needs GenMsgCycleTime"),
