@@ -34,6 +34,7 @@ from softbot.errors import InputError, SimulationError
 from softbot.material import MATERIALS
 
 AUTO = "auto"
+_TRIED = ("linear", "neo-hookean", "yeoh")  # a section bends alike with Mooney–Rivlin and neo-Hookean
 LEVELS_FOR_DEAD_BAND = 4
 LACK_OF_FIT_PERCENT = 5.0
 _ASSUMED_LENGTH_M = 0.15
@@ -72,8 +73,8 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
     can explain at all, and for an unknown law.
     """
     geometry = geometry or Geometry()
-    if law != AUTO and law not in MATERIALS:
-        raise InputError(f"law = {law!r}: choose one of {', '.join((AUTO, *MATERIALS))}")
+    if law != AUTO and law not in _TRIED:
+        raise InputError(f"law = {law!r}: choose one of {', '.join((AUTO, *_TRIED))}")
     loading = table.rows(table.loading)
     warnings = [*table.notes, *check_response(loading)]
     groups = repeat_groups(loading)
@@ -151,7 +152,7 @@ def _models(table: BendTable, geometry: Geometry, law: str, rows: Observations) 
     if not table.has_length and geometry.radius_m is None:
         options.append(("radius",))
     models = []
-    for material in MATERIALS if law == AUTO else (law,):
+    for material in _TRIED if law == AUTO else (law,):
         for count in range(len(options) + 1):
             for chosen in itertools.combinations(options, count):
                 extra = set(itertools.chain(*chosen))

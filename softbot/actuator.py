@@ -10,7 +10,13 @@ is F(e) = B p with F = ∂W/∂e, W = ∫ w dA. Its derivative gives the analyti
 K = ∂F/∂e is at the same time the section's tangent stiffness (axial, bending and their coupling).
 
 A `dead_band_Pa` is taken off each pressure first (folded chambers that must open before they load the wall).
-Left out: rate and memory effects, shear, and the thinning of the wall by its own curvature.
+
+A wall that is already stretched by λ_p when the robot has its rest length (wound or mounted under tension, held there
+by its fibres and ends) has W = ∫ w(λ_p λ) dA less the work of the force that holds it: `pre_stretch`. Chambers that lie
+off their nominal angles are part of the section (`CrossSection.misalignment_rad`).
+
+Rate and memory effects act on the pressures before they come here (`softbot.memory`). Left out: shear, and the thinning
+of the wall by its own curvature.
 """
 
 from __future__ import annotations
@@ -25,12 +31,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from softbot.cross_section import CHAMBERS, CrossSection
 from softbot.errors import InputError, SimulationError, UnreachableError
-from softbot.material import MATERIALS, nominal_stress, tangent_modulus
+from softbot.material import (
+    MATERIALS,
+    OPTIONAL_PARAMETERS,
+    PARAMETERS,
+    is_within,
+    material_parameters,
+    nominal_stress,
+    tangent_modulus,
+)
 
 FloatArray = NDArray[np.float64]
 
 _MIN_STRETCH = 0.05  # below this the wall is crushed and no law means anything
 _NEWTON_STEPS = 60
+_PRE_STRETCH = PARAMETERS  # its place in the kernels' numbers of a wall, after those of the material
+PRE_STRETCH_BOUNDS = (0.5, 3.0)
 
 
 @dataclass(frozen=True)
@@ -61,10 +77,11 @@ class InverseSolution:
 
 @dataclass(frozen=True)
 class ActuatorLaw:
-    """The law of one robot: section, wall material, chamber gains, dead band.
+    """The law of one robot: section, wall material, chamber gains, dead band, pre-stretch.
 
-    `modulus_Pa` and `stiffening_Pa` are the parameters of the material (see `softbot.material`); `gains` scale the
-    load of each chamber. Raises InputError for parameters that are no actuator.
+    `modulus_Pa`, `stiffening_Pa`, `stiffening_2_Pa`, `limit_invariant` and `second_share` are the parameters of the
+    material (see `softbot.material`; each has only some of them); `gains` scale the load of each chamber;
+    `pre_stretch` is that of the wall at the robot's rest length. Raises InputError for parameters that are no actuator.
     """
 
     section: CrossSection
@@ -73,25 +90,35 @@ class ActuatorLaw:
     stiffening_Pa: float = 0.0
     gains: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     dead_band_Pa: float = 0.0
+    stiffening_2_Pa: float = OPTIONAL_PARAMETERS["stiffening_2_Pa"].default
+    limit_invariant: float = OPTIONAL_PARAMETERS["limit_invariant"].default
+    second_share: float = OPTIONAL_PARAMETERS["second_share"].default
+    pre_stretch: float = 1.0
     _points: FloatArray = field(init=False, repr=False, compare=False)
     _load: FloatArray = field(init=False, repr=False, compare=False)
+    _wall_numbers: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.material not in MATERIALS:
-            raise InputError(f"material = {self.material!r}: choose one of {', '.join(MATERIALS)}")
-        if not (math.isfinite(self.modulus_Pa) and self.modulus_Pa > 0.0):
-            raise InputError(f"modulus_Pa = {self.modulus_Pa!r}: give a positive, finite number of pascals")
-        if not (math.isfinite(self.stiffening_Pa) and self.stiffening_Pa >= 0.0):
-            raise InputError(f"stiffening_Pa = {self.stiffening_Pa!r}: give zero or a positive number of pascals")
+        parameters = material_parameters(
+            self.material, {key: getattr(self, key) for key in ("modulus_Pa", *OPTIONAL_PARAMETERS)}
+        )
         if not (math.isfinite(self.dead_band_Pa) and self.dead_band_Pa >= 0.0):
             raise InputError(f"dead_band_Pa = {self.dead_band_Pa!r}: give zero or a positive number of pascals")
         if len(self.gains) != CHAMBERS or not all(math.isfinite(g) and g > 0.0 for g in self.gains):
             raise InputError(f"gains = {self.gains!r}: give {CHAMBERS} positive numbers, one a chamber")
+        low, high = PRE_STRETCH_BOUNDS
+        if not low <= self.pre_stretch <= high:
+            raise InputError(f"pre_stretch = {self.pre_stretch!r}: give {low:g} to {high:g} (1: the wall is at ease)")
+        if not is_within(MATERIALS[self.material].code, parameters, self.pre_stretch):
+            raise InputError(
+                f"pre_stretch = {self.pre_stretch!r}: is beyond what limit_invariant = {self.limit_invariant:g} allows"
+            )
         centroids = self.section.chamber_centroids_m()
         effective_area_m2 = np.array(self.gains) * self.section.chamber_area_m2
         load = np.vstack([effective_area_m2, -(effective_area_m2[:, None] * centroids).T])
         object.__setattr__(self, "_points", self.section.wall_points())
         object.__setattr__(self, "_load", np.ascontiguousarray(load))
+        object.__setattr__(self, "_wall_numbers", np.append(parameters, self.pre_stretch))
 
     @property
     def load_matrix(self) -> FloatArray:
@@ -101,7 +128,8 @@ class ActuatorLaw:
     @property
     def rest_bending_stiffness_N_m2(self) -> float:
         """Bending stiffness of the unloaded section [N m²]."""
-        modulus_Pa = MATERIALS[self.material].modulus_ratio * self.modulus_Pa
+        code, wall = self._material()
+        modulus_Pa = self.pre_stretch**2 * tangent_modulus(code, wall, self.pre_stretch)
         return modulus_Pa * self.section.bending_area_moment_m4
 
     def forces(self, stretch: float, curvature_1_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -202,8 +230,8 @@ class ActuatorLaw:
             )
         return solution.pressure_Pa
 
-    def _material(self) -> tuple[int, float, float]:
-        return MATERIALS[self.material].code, self.modulus_Pa, self.stiffening_Pa
+    def _material(self) -> tuple[int, FloatArray]:
+        return MATERIALS[self.material].code, self._wall_numbers
 
 
 def _four(values: ArrayLike, name: str) -> FloatArray:
@@ -217,22 +245,23 @@ def _four(values: ArrayLike, name: str) -> FloatArray:
 def _wall(
     points: FloatArray,
     code: int,
-    modulus_Pa: float,
-    stiffening_Pa: float,
+    wall: FloatArray,
     strain: FloatArray,
     force: FloatArray,
     stiffness: FloatArray,
 ) -> bool:
-    """Wall force and tangent stiffness at a strain; False when some fibre is crushed."""
+    """Wall force and tangent stiffness at a strain; False when some fibre is crushed or beyond its law."""
     force[:] = 0.0
     stiffness[:, :] = 0.0
+    pre_stretch = wall[_PRE_STRETCH]
+    held_Pa = nominal_stress(code, wall, pre_stretch)
     for n in range(points.shape[0]):
         x1, x2, area = points[n, 0], points[n, 1], points[n, 2]
         stretch = strain[0] - strain[1] * x1 - strain[2] * x2
-        if not stretch > _MIN_STRETCH:
+        if not (stretch > _MIN_STRETCH and is_within(code, wall, pre_stretch * stretch)):
             return False
-        stress = nominal_stress(code, modulus_Pa, stiffening_Pa, stretch) * area
-        tangent = tangent_modulus(code, modulus_Pa, stiffening_Pa, stretch) * area
+        stress = pre_stretch * (nominal_stress(code, wall, pre_stretch * stretch) - held_Pa) * area
+        tangent = pre_stretch * pre_stretch * tangent_modulus(code, wall, pre_stretch * stretch) * area
         force[0] += stress
         force[1] -= stress * x1
         force[2] -= stress * x2
@@ -252,8 +281,7 @@ def _wall(
 def _solve(
     points: FloatArray,
     code: int,
-    modulus_Pa: float,
-    stiffening_Pa: float,
+    wall: FloatArray,
     load: FloatArray,
     strain: FloatArray,
     stiffness: FloatArray,
@@ -264,16 +292,16 @@ def _solve(
     radius = 0.0
     for n in range(points.shape[0]):
         radius = max(radius, abs(points[n, 0]), abs(points[n, 1]))
-    if not _wall(points, code, modulus_Pa, stiffening_Pa, strain, force, stiffness):
+    if not _wall(points, code, wall, strain, force, stiffness):
         strain[0], strain[1], strain[2] = 1.0, 0.0, 0.0
-        _wall(points, code, modulus_Pa, stiffening_Pa, strain, force, stiffness)
+        _wall(points, code, wall, strain, force, stiffness)
     for _ in range(_NEWTON_STEPS):
         step = np.linalg.solve(stiffness, load - force)
         size = abs(step[0]) + radius * (abs(step[1]) + abs(step[2]))
         fraction = min(1.0, 0.5 / size) if size > 0.0 else 1.0  # at most a strain of 50 % at once
         while True:
             trial[:] = strain + fraction * step
-            if _wall(points, code, modulus_Pa, stiffening_Pa, trial, force, stiffness):
+            if _wall(points, code, wall, trial, force, stiffness):
                 break
             fraction *= 0.5
             if fraction < 1e-6:
@@ -288,15 +316,14 @@ def _solve(
 def _solve_each(
     points: FloatArray,
     code: int,
-    modulus_Pa: float,
-    stiffening_Pa: float,
+    wall: FloatArray,
     loads: FloatArray,
     strains: FloatArray,
     stiffnesses: FloatArray,
 ) -> int:
     """`_solve` for each row of `loads`; the first row without an equilibrium, or -1."""
     for n in range(loads.shape[0]):
-        if not _solve(points, code, modulus_Pa, stiffening_Pa, loads[n], strains[n], stiffnesses[n]):
+        if not _solve(points, code, wall, loads[n], strains[n], stiffnesses[n]):
             return n
     return -1
 
@@ -351,8 +378,7 @@ def _least_pressures(
 def _invert(
     points: FloatArray,
     code: int,
-    modulus_Pa: float,
-    stiffening_Pa: float,
+    wall: FloatArray,
     load: FloatArray,
     usable: NDArray[np.bool_],
     co_contraction_Pa: float,
@@ -372,7 +398,7 @@ def _invert(
     extra = np.zeros(load.shape[1])
     room_Pa = max(limit_Pa - max(dead_band_Pa, co_contraction_Pa), 0.0)
     for _ in range(100):
-        crushed = not _wall(points, code, modulus_Pa, stiffening_Pa, strain, force, stiffness)
+        crushed = not _wall(points, code, wall, strain, force, stiffness)
         if crushed:  # a curvature that this stretch cannot hold: ask for less of it
             strain[1:] *= 0.7
             wanted[:] = strain[1:]

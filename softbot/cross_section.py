@@ -1,8 +1,9 @@
 """Cross-section of the four-chamber tube: a disc of wall with four round chambers, as quadrature points.
 
-Section axes e1, e2; chamber i lies at the body angle α_i = i·90° from e1 towards e2, its centroid on the circle of
-radius `chamber_centroid_radius_m`. The wall is the disc of the outer radius less the chambers; integrals over it are
-Gauss sums over the disc minus Gauss sums over the chambers, exact for polynomials up to degree 5.
+Section axes e1, e2; chamber i lies at the body angle α_i = i·90° from e1 towards e2 (plus its misalignment, if
+any), its centroid on the circle of radius `chamber_centroid_radius_m`. The wall is the disc of the outer radius less
+the chambers; integrals over it are Gauss sums over the disc minus Gauss sums over the chambers, exact for polynomials
+up to degree 5.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from softbot.errors import InputError
 
 CHAMBERS = 4
 CHAMBER_ANGLES_RAD: tuple[float, float, float, float] = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
+
+MISALIGNMENT_LIMIT_RAD = math.pi / 6.0  # beyond it a chamber would be nearer to its neighbour than to its place
 
 # Without a drawing of the robot: chambers that fill a little over half of the disc, centroids at 0.55 R.
 DEFAULT_CHAMBER_AREA_RATIO = 0.12  # of the disc πR², each
@@ -35,12 +38,21 @@ class CrossSection:
     radius_m: float
     chamber_area_m2: float
     chamber_centroid_radius_m: float
+    misalignment_rad: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """By how much each chamber lies off its nominal angle, from e1 towards e2."""
 
     def __post_init__(self) -> None:
         for name in ("radius_m", "chamber_area_m2", "chamber_centroid_radius_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} = {value!r}: give a positive, finite number")
+        if len(self.misalignment_rad) != CHAMBERS or not all(
+            abs(angle) <= MISALIGNMENT_LIMIT_RAD for angle in self.misalignment_rad
+        ):
+            raise InputError(
+                f"misalignment_rad = {self.misalignment_rad!r}: give {CHAMBERS} angles within "
+                f"±{MISALIGNMENT_LIMIT_RAD:.3g} rad, one a chamber"
+            )
         if self.chamber_centroid_radius_m >= self.radius_m:
             raise InputError(
                 f"chamber_centroid_radius_m = {self.chamber_centroid_radius_m:g} is not inside radius_m = "
@@ -62,14 +74,17 @@ class CrossSection:
 
     @property
     def bending_area_moment_m4(self) -> float:
-        """Second moment of the wall's area about a diameter [m⁴] (equal for every diameter by symmetry)."""
+        """Second moment of the wall's area about a diameter [m⁴]; of misaligned chambers the mean over all diameters.
+
+        Equal for every diameter where the chambers lie at their nominal angles.
+        """
         disc = 0.25 * math.pi * self.radius_m**4
         own = self.chamber_area_m2**2 / (4.0 * math.pi)  # a round chamber about its own centroid
         return disc - CHAMBERS * own - 0.5 * CHAMBERS * self.chamber_area_m2 * self.chamber_centroid_radius_m**2
 
     def chamber_centroids_m(self) -> NDArray[np.float64]:
         """Chamber centroids in the section axes, shape (4, 2) [m]."""
-        angles = np.array(CHAMBER_ANGLES_RAD)
+        angles = np.array(CHAMBER_ANGLES_RAD) + np.array(self.misalignment_rad)
         return self.chamber_centroid_radius_m * np.column_stack([np.cos(angles), np.sin(angles)])
 
     def wall_points(self) -> NDArray[np.float64]:

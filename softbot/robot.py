@@ -20,10 +20,10 @@ from typing import Any, Literal, Self
 import pydantic
 from pydantic import Field
 
-from softbot.actuator import ActuatorLaw
+from softbot.actuator import PRE_STRETCH_BOUNDS, ActuatorLaw
 from softbot.cross_section import CrossSection, default_cross_section
 from softbot.errors import InputError
-from softbot.material import MATERIALS, MaterialName
+from softbot.material import MATERIALS, OPTIONAL_PARAMETERS, MaterialName
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import SensorParameters
 from softbot.toml_file import STRICT, Table, check, read_toml, write_toml
@@ -35,7 +35,7 @@ SHIPPED_ROBOTS = {"default": "default_robot.toml", "larva": "larva.toml"}
 
 Actuation = Literal["chamber", "muscle"]
 
-Gains = tuple[float, float, float, float]
+OneEach = tuple[float, float, float, float]
 
 
 class Actuator(pydantic.BaseModel):
@@ -43,14 +43,29 @@ class Actuator(pydantic.BaseModel):
 
     model_config = STRICT
 
-    law: MaterialName = Field("neo-hookean", description="wall material: linear, neo-hookean or yeoh")
+    law: MaterialName = Field("neo-hookean", description=f"wall material: {', '.join(MATERIALS)}")
     modulus_Pa: float = Field(gt=0, le=1e12, description="first parameter of the wall material, in pascals")
-    stiffening_Pa: float = Field(0.0, ge=0, le=1e12, description="second parameter (yeoh), in pascals")
+    stiffening_Pa: float = Field(0.0, ge=0, le=1e12, description="factor of (I1 - 3)^2 (yeoh), in pascals")
+    stiffening_2_Pa: float | None = Field(
+        None, ge=0, le=1e12, description="factor of (I1 - 3)^3 (yeoh), in pascals; default 0"
+    )
+    limit_invariant: float | None = Field(
+        None, ge=0.05, le=1e9, description="I1 - 3 of the fully drawn chains (gent), without unit; default 30"
+    )
+    second_share: float | None = Field(
+        None, ge=0, le=1, description="share of the modulus that goes with I2 (mooney-rivlin), without unit; default 0"
+    )
+    pre_stretch: float = Field(
+        1.0, ge=PRE_STRETCH_BOUNDS[0], le=PRE_STRETCH_BOUNDS[1], description="stretch of the wall at rest, without unit"
+    )
     chamber_area_m2: float = Field(gt=0, description="area of one chamber, in square metres")
     chamber_centroid_radius_m: float = Field(
         gt=0, description="distance of a chamber's centroid from the axis, in metres"
     )
-    gains: Gains = Field((1.0, 1.0, 1.0, 1.0), description="load of each chamber over its nominal load")
+    misalignment_rad: OneEach = Field(
+        (0.0, 0.0, 0.0, 0.0), description="angle of each chamber off its nominal one, from e1 towards e2, in radians"
+    )
+    gains: OneEach = Field((1.0, 1.0, 1.0, 1.0), description="load of each chamber over its nominal load")
     dead_band_Pa: float = Field(
         0.0, ge=0, description="pressure that opens a chamber before it loads the wall, in pascals"
     )
@@ -177,14 +192,24 @@ class Robot(pydantic.BaseModel):
         """The section of the actuator, or the default one of the same radius."""
         if self.actuator is None:
             return default_cross_section(self.radius_m)
-        return CrossSection(self.radius_m, self.actuator.chamber_area_m2, self.actuator.chamber_centroid_radius_m)
+        a = self.actuator
+        return CrossSection(self.radius_m, a.chamber_area_m2, a.chamber_centroid_radius_m, a.misalignment_rad)
 
     def actuator_law(self) -> ActuatorLaw:
         """The actuator law; for a robot without an `[actuator]` a neo-Hookean wall of the same bending stiffness."""
         section = self.cross_section()
         if self.actuator is not None:
             a = self.actuator
-            return ActuatorLaw(section, a.law, a.modulus_Pa, a.stiffening_Pa, a.gains, a.dead_band_Pa)
+            stated = {key: value for key in OPTIONAL_PARAMETERS if (value := getattr(a, key)) is not None}
+            return ActuatorLaw(
+                section,
+                a.law,
+                a.modulus_Pa,
+                gains=a.gains,
+                dead_band_Pa=a.dead_band_Pa,
+                pre_stretch=a.pre_stretch,
+                **stated,
+            )
         modulus_Pa = self.bending_stiffness / (MATERIALS["neo-hookean"].modulus_ratio * section.bending_area_moment_m4)
         return ActuatorLaw(section, "neo-hookean", modulus_Pa)
 

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from softbot import actuator
 from softbot.actuator import ActuatorLaw
-from softbot.cross_section import CHAMBER_ANGLES_RAD, default_cross_section
+from softbot.cross_section import CHAMBER_ANGLES_RAD, CrossSection, default_cross_section
 from softbot.errors import InputError, SimulationError, UnreachableError
+from softbot.material import MATERIALS, energy_density, material_parameters, nominal_stress
 
 SECTION = default_cross_section(0.01)
 MODULUS_Pa = 1.2e5  # of the linear wall; the others take a quarter as their shear modulus
@@ -34,6 +35,7 @@ LAWS = [
     law("yeoh"),
     law("neo-hookean", gains=(1.0, 1.15, 0.9, 1.05)),
     law("yeoh", gains=(0.95, 1.0, 1.1, 1.0), dead_band_Pa=4e3),
+    law("gent", limit_invariant=3.0, pre_stretch=1.2),
 ]
 laws = st.sampled_from(LAWS)
 chamber_pressures = st.tuples(*[st.floats(0.0, LIMIT_Pa)] * 4)
@@ -41,16 +43,16 @@ directions = st.floats(-math.pi, math.pi)
 
 
 def energy_per_length(tube: ActuatorLaw, strain: np.ndarray) -> float:
-    """W = ∫ w(λ) dA [J/m] from the energies that `softbot.material` states."""
-    x1, x2, area = tube.section.wall_points().T
-    stretch = strain[0] - strain[1] * x1 - strain[2] * x2
-    invariant = stretch**2 + stretch**-2 - 2.0
-    density = {
-        "linear": 0.5 * tube.modulus_Pa * (stretch - 1.0) ** 2,
-        "neo-hookean": 0.5 * tube.modulus_Pa * invariant,
-        "yeoh": 0.5 * tube.modulus_Pa * invariant + tube.stiffening_Pa * invariant**2,
-    }[tube.material]
-    return float(area @ density)
+    """W = ∫ w(λ_p λ) dA less the work of the force that holds the wall [J/m], from the energies of the materials."""
+    keys = ("modulus_Pa", "stiffening_Pa", "stiffening_2_Pa", "limit_invariant", "second_share")
+    wall = material_parameters(tube.material, {key: getattr(tube, key) for key in keys})
+    code, pre = MATERIALS[tube.material].code, tube.pre_stretch
+    held_Pa = pre * nominal_stress(code, wall, pre)
+    return sum(
+        area * (energy_density(code, wall, pre * stretch) - held_Pa * stretch)
+        for x1, x2, area in tube.section.wall_points()
+        for stretch in [strain[0] - strain[1] * x1 - strain[2] * x2]
+    )
 
 
 def assert_near(found: np.ndarray, expected: np.ndarray, within: ArrayLike) -> None:
@@ -87,7 +89,7 @@ def test_linear_wall_superposes_and_four_equal_pressures_only_lengthen_it() -> N
     np.testing.assert_allclose(even.curvature_1_m, 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("tube", LAWS)
+@pytest.mark.parametrize("tube", LAWS[:5])
 def test_every_wall_starts_as_the_linear_one_of_its_small_strain_modulus(tube: ActuatorLaw) -> None:
     small_Pa = np.array([1.0, 2.0, 0.5, 0.0])
     linear = law("linear").equilibrium(small_Pa * np.array(tube.gains))
@@ -214,6 +216,63 @@ def test_suction_shortens_its_side_whatever_the_dead_band() -> None:
     assert rest.jacobian[1, 0] < 0.0
 
 
+# --- pre-stretch, misalignment, locking ------------------------------------------------------------
+
+
+def test_pre_stretched_wall_is_at_rest_at_its_length_and_softer_to_further_stretch() -> None:
+    tubes = [law(pre_stretch=stretch) for stretch in (1.0, 1.3)]
+    assert tubes[1].equilibrium([0.0] * 4).stretch == pytest.approx(1.0, abs=1e-12)
+    # w'' = µ (1 + 3/λ⁴) of the neo-Hookean wall, once for each factor λ_p of the strain and of its work
+    ratio = 1.3**2 * (1.0 + 3.0 / 1.3**4) / 4.0
+    assert tubes[1].rest_bending_stiffness_N_m2 == pytest.approx(
+        ratio * tubes[0].rest_bending_stiffness_N_m2, rel=1e-12
+    )
+    bends = [np.hypot(*tube.equilibrium([100.0, 0, 0, 0]).curvature_1_m) for tube in tubes]
+    assert bends[0] / bends[1] == pytest.approx(ratio, rel=1e-3)
+
+
+def test_linear_wall_does_not_feel_pre_stretch_but_by_its_scale() -> None:
+    plain, stretched = law("linear"), law("linear", pre_stretch=1.2)
+    found = stretched.equilibrium([1.44 * 9e3, 0, 1.44 * 2e3, 0])
+    expected = plain.equilibrium([9e3, 0, 2e3, 0])
+    np.testing.assert_allclose(found.curvature_1_m, expected.curvature_1_m, rtol=1e-10, atol=1e-12)
+
+
+@given(offset=st.floats(-0.4, 0.4), chamber=st.integers(0, 3))
+def test_chambers_all_turned_alike_turn_the_bend_and_nothing_else(offset: float, chamber: int) -> None:
+    turned = CrossSection(SECTION.radius_m, SECTION.chamber_area_m2, SECTION.chamber_centroid_radius_m, (offset,) * 4)
+    pressure = 20e3 * np.eye(4)[chamber]
+    found = ActuatorLaw(turned, "neo-hookean", MODULUS_Pa / 4).equilibrium(pressure)
+    plain = law().equilibrium(pressure)
+    c, s = math.cos(offset), math.sin(offset)
+    np.testing.assert_allclose(found.curvature_1_m, np.array([[c, -s], [s, c]]) @ plain.curvature_1_m, atol=2e-3)
+    assert found.stretch == pytest.approx(plain.stretch, rel=1e-5)
+
+
+def test_one_misaligned_chamber_bends_away_from_where_it_lies_and_couples_stretch_to_bend() -> None:
+    crooked = CrossSection(0.01, SECTION.chamber_area_m2, SECTION.chamber_centroid_radius_m, (0.1, 0.0, 0.0, 0.0))
+    tube = ActuatorLaw(crooked, "linear", MODULUS_Pa)
+    bend = tube.equilibrium([5e3, 0, 0, 0]).curvature_1_m
+    assert math.remainder(math.atan2(bend[1], bend[0]) - math.pi - 0.1, 2 * math.pi) == pytest.approx(0.0, abs=0.05)
+    centroid = -SECTION.chamber_area_m2 * (crooked.chamber_centroids_m().sum(axis=0)) / SECTION.wall_area_m2
+    coupling = -MODULUS_Pa * SECTION.wall_area_m2 * centroid
+    np.testing.assert_allclose(tube.forces(1.0, [0.0, 0.0])[1][0, 1:], coupling, rtol=1e-9)
+    for wrong in ((0.6, 0, 0, 0), (0.0, 0.0, 0.0), (math.nan, 0, 0, 0)):
+        with pytest.raises(InputError, match="misalignment_rad"):
+            CrossSection(0.01, SECTION.chamber_area_m2, SECTION.chamber_centroid_radius_m, wrong)
+
+
+@given(pressure_Pa=st.floats(1e3, 1e9))
+def test_gent_wall_locks_but_carries_any_pressure(pressure_Pa: float) -> None:
+    tube = law("gent", limit_invariant=1.0)
+    rest = tube.equilibrium([pressure_Pa, 0, 0, pressure_Pa])
+    longest = rest.stretch + 0.01 * np.hypot(*rest.curvature_1_m)
+    assert longest**2 + longest**-2 - 2.0 < 1.3  # of points of the quadrature, which reach to 0.96 R
+    force, _ = tube.forces(rest.stretch, rest.curvature_1_m)
+    load = tube.load_matrix @ np.array([pressure_Pa, 0, 0, pressure_Pa])
+    np.testing.assert_allclose(force, load, rtol=1e-6, atol=1e-6 * np.abs(load).max())
+
+
 # --- many at once, and what is refused ------------------------------------------------------------
 
 
@@ -239,6 +298,9 @@ def test_many_at_once_are_as_one_by_one_from_any_start(tube: ActuatorLaw) -> Non
         ({"dead_band_Pa": -1.0}, "dead_band_Pa"),
         ({"gains": (1.0, 1.0, 1.0)}, "gains"),
         ({"gains": (1.0, 1.0, 0.0, 1.0)}, "gains"),
+        ({"stiffening_Pa": 1.0}, "no such parameter; leave it out, or take yeoh"),
+        ({"pre_stretch": 0.1}, "pre_stretch = 0.1: give 0.5 to 3"),
+        ({"material": "gent", "limit_invariant": 0.5, "pre_stretch": 2.0}, "beyond what limit_invariant"),
     ],
 )
 def test_parameters_that_are_no_actuator_are_refused(arguments: dict[str, Any], names: str) -> None:

@@ -27,6 +27,11 @@ def pressed() -> dict[str, Any]:
     return {**TUBE, "actuator": dict(ACTUATOR)}
 
 
+def crooked() -> dict[str, Any]:
+    wall = {"law": "gent", "stiffening_Pa": 0.0, "limit_invariant": 8.0, "pre_stretch": 1.1}
+    return {**TUBE, "actuator": {**ACTUATOR, **wall, "misalignment_rad": [0.1, 0.0, -0.05, 0.0]}}
+
+
 def bent() -> dict[str, Any]:
     return {**TUBE, "bending_stiffness_N_m2": 3.93e-3}
 
@@ -62,6 +67,16 @@ def test_robot_with_an_actuator_bends_as_stiffly_as_its_wall() -> None:
     assert robot.max_pressure_Pa == 5e4
     law = robot.actuator_law()
     assert (law.material, law.gains, law.dead_band_Pa) == ("yeoh", (1.0, 1.1, 0.9, 1.0), 1e3)
+
+
+def test_every_key_of_the_wall_reaches_the_law() -> None:
+    law = robot_from(crooked(), "r.toml").actuator_law()
+    assert (law.material, law.limit_invariant, law.pre_stretch) == ("gent", 8.0, 1.1)
+    assert law.section.misalignment_rad == (0.1, 0.0, -0.05, 0.0)
+    yeoh = robot_from({**TUBE, "actuator": {**ACTUATOR, "stiffening_2_Pa": 7.0}}, "r.toml").actuator_law()
+    assert (yeoh.stiffening_Pa, yeoh.stiffening_2_Pa) == (500.0, 7.0)
+    mooney = {**ACTUATOR, "law": "mooney-rivlin", "stiffening_Pa": 0.0, "second_share": 0.25}
+    assert robot_from({**TUBE, "actuator": mooney}, "r.toml").actuator_law().second_share == 0.25
 
 
 @given(length_m=st.floats(0.05, 2.0), stiffness=st.floats(1e-5, 10.0))
@@ -153,7 +168,7 @@ def test_table_of_a_robot_makes_the_same_robot(
     assert robot_from(robot.table(), "again") == robot
 
 
-@pytest.mark.parametrize("table", [bent(), pressed()])
+@pytest.mark.parametrize("table", [bent(), pressed(), crooked()])
 def test_saved_robot_comes_back_the_same(tmp_path: Path, table: dict[str, Any]) -> None:
     table["provenance"] = {"table": 'a "quoted" naïve name', "licence": "CC-BY-4.0"}
     table["sensors"] = {"gyro_noise_rad_s": 1e-7}
@@ -199,6 +214,15 @@ def test_shipped_robot_is_calibrated_and_can_bend_and_a_file_of_that_name_goes_b
         ({**TUBE, "actuator": {**ACTUATOR, "gains": [1, 1, 1, 0]}}, "actuator: gains"),
         ({**TUBE, "actuator": {**ACTUATOR, "gains": [1, 1, 1]}}, "actuator.gains.3: missing"),
         ({**TUBE, "actuator": {**ACTUATOR, "chamber_centroid_radius_m": 0.5}}, "inside radius_m"),
+        (
+            {**TUBE, "actuator": {**ACTUATOR, "limit_invariant": 3.0}},
+            "yeoh has no such parameter; leave it out, or take",
+        ),
+        (
+            {**TUBE, "actuator": {**ACTUATOR, "misalignment_rad": [1, 0, 0, 0]}},
+            "misalignment_rad = (1.0, 0.0, 0.0, 0.0)",
+        ),
+        ({**TUBE, "actuator": {**ACTUATOR, "misalignment_deg": [1, 0, 0, 0]}}, "did you mean misalignment_rad?"),
         ({**bent(), "actuation": "wind"}, "actuation = 'wind': input should be 'chamber' or 'muscle'"),
         ({**bent(), "segments": 0}, "segments = 0: input should be greater than or equal to 1"),
         (
