@@ -36,6 +36,16 @@ class BendTable:
     """Label of the commanded pressures of each row, shape (n,); "" where the table has none."""
     line: NDArray[np.int_]
     """Line of the file of each row, counted from 1, shape (n,)."""
+    t_s: FloatArray
+    """Time of each row, shape (n,) [s]; NaN where the table has none."""
+    valid: NDArray[np.bool_]
+    """Whether the bend of the row may be used, shape (n,): not flagged as bad."""
+    row_word: str = "line"
+    """What a row of the file is called in messages: "line" of a text, "row" of a workbook."""
+    rest_length_m: float | None = None
+    """Length at rest, where the table's lengths are all the same and so can be nothing else."""
+    gauge_stated: bool = False
+    """Whether the headers say that the pressures are gauge pressures (`psig`, `pressure_gauge_kPa`)."""
 
     def __len__(self) -> int:
         return len(self.bend_rad)
@@ -53,7 +63,13 @@ class BendTable:
             trial=self.trial[index],
             setpoint=self.setpoint[index],
             line=self.line[index],
+            t_s=self.t_s[index],
+            valid=self.valid[index],
         )
+
+    def place(self, row: int) -> str:
+        """Where a row stands in the file, for messages."""
+        return f"{self.source}, {self.row_word} {self.line[row]}"
 
     @property
     def has_length(self) -> bool:

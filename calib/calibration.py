@@ -163,7 +163,7 @@ class Calibration:
             "unloading_rms_bend_percent": _percent(errors.unloading_bend_rad, scale),
             "lack_of_fit_p": errors.lack_of_fit_p,
         }
-        if errors.rms_length_m is not None and errors.full_scale_length_m is not None:
+        if errors.rms_length_m is not None and errors.full_scale_length_m:
             result |= {
                 "full_scale_length_mm": 1e3 * errors.full_scale_length_m,
                 "rms_length_percent": _percent(errors.rms_length_m, errors.full_scale_length_m),

@@ -1,130 +1,109 @@
-"""The text of a CSV file as a grid of cells: encoding, delimiter, comments, header lines, numbers."""
+"""Cells of a table as numbers: decimal points and commas told apart, and one message for what is no number."""
 
 from __future__ import annotations
 
-import csv
-import io
+import datetime
 import math
 import re
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from calib.bend_table import FloatArray
-from calib.units import unit_name
+from calib.header import Grid
+from calib.sheet import EXCEL_ERRORS
 from softbot.errors import InputError
 
-_EXAMPLE = "pressure_kPa,bend_deg"
+_LARGEST = 1e30  # in any unit
+_POINT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_NOTHING = ("", "nan", "na", "n/a", "none", "null", "-", "--")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d(T.*)?|\d\d:\d\d:\d\d.*|\d{1,2}[-. ][A-Za-z]{3,4}|[A-Za-z]{3,4}[-. ]\d{1,2}")
 
 
-@dataclass(frozen=True)
-class Grid:
-    source: str
-    comments: tuple[str, ...]
-    header: list[str] | None
-    cells: list[list[str]]
-    lines: list[int]
+class NumberReader:
+    """Reads the columns of one grid. A table has one decimal mark; `finish` refuses one with both."""
 
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+        self._columns: list[tuple[int, str]] = []
+        self._comma: str | None = None  # where a decimal comma stands
+        self._thousands: str | None = None  # where a comma stands that may part thousands
 
-def _text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; check the path") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder; name a CSV file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if data[:4] == b"PK\x03\x04" or data[:4] == b"\xd0\xcf\x11\xe0":
-        raise InputError(f"{path}: is a spreadsheet, not text; save it as CSV")
-    encodings = ("utf-16",) if data[:2] in (b"\xff\xfe", b"\xfe\xff") else ("utf-8-sig", "cp1252")
-    for encoding in encodings:
+    def column(self, index: int, header: str, optional: bool) -> FloatArray:
+        """One column, shape (n,); cells without a value are NaN where `optional`, refused elsewhere."""
+        cells = [row[index] for row in self._grid.cells]
+        self._columns.append((index, header))
         try:
-            text = data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" not in text:
-            return text
-    raise InputError(f"{path}: not a text file; save the table as CSV in UTF-8")
+            values = np.array(list(map(float, cells)))
+            if np.all(np.abs(values) < _LARGEST) and not any("_" in cell for cell in cells):
+                return values
+        except ValueError:
+            pass
+        return np.array([self._number(row, header, cell, optional) for row, cell in enumerate(cells)])
 
+    def finish(self) -> None:
+        """Raises InputError where commas were read that may mean something else."""
+        if self._comma is None:
+            if self._thousands is not None:
+                raise InputError(
+                    f"{self._thousands} may be a decimal comma or part thousands; write it with a point or without"
+                )
+            return
+        for index, header in self._columns:
+            for row, cells in enumerate(self._grid.cells):
+                if "." in cells[index]:
+                    raise InputError(
+                        f"{self._grid.place(row, header)}: {cells[index]!r} has a decimal point, but {self._comma} has "
+                        "a decimal comma; use one mark throughout, and nothing between thousands"
+                    )
 
-def read_grid(path: Path, mapped: bool) -> Grid:
-    """The cells of a CSV file; without a header only when columns are `mapped` by number.
-
-    Raises InputError for what is no text table, naming the file and the line.
-    """
-    text, source = _text(path), str(path)
-    comments, body, numbers = [], [], []
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.lstrip().startswith("#"):
-            comments.append(line.lstrip().lstrip("#").strip())
-        elif line.strip(' \t,;"'):
-            body.append(line)
-            numbers.append(number)
-    if not body:
-        raise InputError(f"{source}: the file has no rows; a table needs a header ({_EXAMPLE}) and measured rows")
-    delimiter = max(";\t,", key=lambda mark: _outside_quotes(body[0]).count(mark))
-    try:
-        cells = [
-            [cell.strip() for cell in row] for row in csv.reader(io.StringIO("\n".join(body)), delimiter=delimiter)
-        ]
-    except csv.Error as error:
-        raise InputError(f"{source}: not valid CSV: {error}") from None
-    if len(cells) != len(body):
-        raise InputError(f"{source}: a quoted cell runs over several lines; close its quotation marks")
-    if all(_is_number(cell) for cell in cells[0] if cell):
-        if not mapped:
-            raise InputError(
-                f"{source}, line {numbers[0]}: no header; write one ({_EXAMPLE}), or map columns by "
-                "number: --columns pressure=1:kPa,bend=2:deg"
-            )
-        return Grid(source, tuple(comments), None, cells, numbers)
-    header, first = cells[0], 1
-    if len(cells) > 1 and len(cells[1]) <= len(header) and any(cells[1]):
-        units = [unit_name(cell.strip("[]()")) for cell in cells[1]]
-        if all(unit or not cell for unit, cell in zip(units, cells[1], strict=True)):  # a second header row of units
-            header = [
-                f"{name}_{unit}" if unit else name
-                for name, unit in zip(header, [*units, *[None] * (len(header) - len(units))], strict=True)
-            ]
-            first = 2
-    return Grid(source, tuple(comments), header, cells[first:], numbers[first:])
-
-
-def _outside_quotes(line: str) -> str:
-    return re.sub(r'"[^"]*"', "", line)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def numbers_of(source: str, header: str, cells: list[str], lines: list[int], optional: bool) -> FloatArray:
-    """Cells as numbers; empty ones NaN where `optional`. The fast way first, cell by cell where it fails."""
-    try:
-        values = np.array(list(map(float, cells)))
-        if np.all(np.isfinite(values)) and not any("_" in cell for cell in cells):
-            return values
-    except ValueError:
-        pass
-    values = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        place = f"{source}, line {lines[i]}, column {header!r}"
-        if not cell:
+    def _number(self, row: int, header: str, cell: str, optional: bool) -> float:
+        place = self._grid.place(row, header)
+        if cell.lower() in _NOTHING and (optional or not cell):
             if not optional:
-                raise InputError(f"{place}: the cell is empty; fill it in or remove the line")
-            values[i] = math.nan
-            continue
-        text = cell.replace(",", ".") if re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) else cell
-        if not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", text):
-            mend = "leave the cell empty" if optional else "remove the line"
-            raise InputError(f"{place}: {cell!r} is no number; write a plain number in the column's unit, or {mend}")
-        values[i] = float(text)
-        if not math.isfinite(values[i]):
+                raise InputError(f"{place}: the cell is empty; fill it in or remove the {self._grid.row_word}")
+            return math.nan
+        text = cell.replace("\u2212", "-").replace("\u2013", "-")
+        if _COMMA.fullmatch(text):
+            if _THOUSANDS.fullmatch(text) and self._grid.delimiter != ";":
+                self._thousands = self._thousands or f"{place}: {cell!r}"
+            else:
+                self._comma = self._comma or f"{cell!r} ({self._grid.row_word} {self._grid.lines[row]}, {header!r})"
+            text = text.replace(",", ".")
+        if not _POINT.fullmatch(text):
+            raise InputError(f"{place}: {_why(cell)}; {_mend(cell, optional, self._grid.row_word)}")
+        value = float(text)
+        if not abs(value) < _LARGEST:
             raise InputError(f"{place}: {cell!r} is too large for a number; mend the cell")
-    return values
+        return value
+
+
+def _why(cell: str) -> str:
+    if cell.upper().startswith(EXCEL_ERRORS):
+        return f"{cell!r} is an error of the spreadsheet"
+    if cell.startswith("="):
+        return f"the formula {cell[:40]!r} was never computed"
+    if _is_date(cell):
+        return f"{cell!r} is no number but a date that the spreadsheet made of one"
+    return f"{cell[:40]!r} is no number"
+
+
+def _mend(cell: str, optional: bool, row_word: str) -> str:
+    otherwise = "leave the cell empty" if optional else f"remove the {row_word}"
+    if cell.startswith("="):
+        return "open the workbook in a spreadsheet program and save it, or write the value"
+    if _is_date(cell):
+        return "format the cell as a number and type it again"
+    return f"write a plain number in the column's unit, or {otherwise}"
+
+
+def _is_date(cell: str) -> bool:
+    if not _DATE.fullmatch(cell):
+        return False
+    if cell[:1].isdigit() and "-" in cell[4:8]:
+        try:
+            datetime.datetime.fromisoformat(cell)
+        except ValueError:
+            return False
+    return True

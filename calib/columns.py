@@ -6,8 +6,16 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from calib.cells import Grid
-from calib.units import ANGLE_RAD, CURVATURE_1_M, LENGTH_M, PRESSURE_PA, TIME_S, split_header, unit_name
+from calib.header import Grid
+from calib.units import (
+    ANGLE_RAD,
+    CURVATURE_1_M,
+    LENGTH_M,
+    PRESSURE_PA,
+    TIME_S,
+    split_header,
+    unit_and_reference,
+)
 from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
 
@@ -16,16 +24,23 @@ _NAMES = {
     "gauge_pressure": "pressure",
     "pressure_gauge": "pressure",
     "absolute_pressure": "pressure_absolute",
+    "pressure_abs": "pressure_absolute",
     "bending": "bend",
     "bend_angle": "bend",
     "bending_angle": "bend",
     "angle": "bend",
+    "theta": "bend",
+    "bend_direction_angle": "bend_direction",
+    "ok": "valid",
     "direction": "bend_direction",
     "arc_length": "length",
     "time": "t",
     **{f"p{i}": f"pressure_{i}" for i in range(CHAMBERS)},
     **{f"p_{i}": f"pressure_{i}" for i in range(CHAMBERS)},
     **{f"pressure_gauge_{i}": f"pressure_{i}" for i in range(CHAMBERS)},
+    **{f"pressure_{i}_gauge": f"pressure_{i}" for i in range(CHAMBERS)},
+    **{f"pressure_{i}_absolute": f"pressure_absolute_{i}" for i in range(CHAMBERS)},
+    **{f"pressure_{i}_abs": f"pressure_absolute_{i}" for i in range(CHAMBERS)},
 }
 GAUGE = ("pressure", *(f"pressure_{i}" for i in range(CHAMBERS)))
 ABSOLUTE = ("pressure_absolute", *(f"pressure_absolute_{i}" for i in range(CHAMBERS)))
@@ -37,7 +52,7 @@ _UNITS: dict[str, Mapping[str, float]] = {
     "length": LENGTH_M,
     "t": TIME_S,
 }
-_LABELS = ("chamber", "branch", "trial", "setpoint")
+_LABELS = ("chamber", "branch", "trial", "setpoint", "valid")
 
 
 @dataclass(frozen=True)
@@ -79,14 +94,20 @@ def choose_columns(grid: Grid, mapping: Mapping[str, tuple[str, str | None]]) ->
     chosen: dict[str, Column] = {}
     for quantity, (header, unit) in mapping.items():
         index = _find(grid.source, headers, header)
-        chosen[quantity] = Column(index, headers[index], quantity, _scale(grid.source, headers[index], quantity, unit))
+        read = split_header(headers[index])[1] if unit is None else unit
+        quantity = _referred(quantity, read)
+        chosen[quantity] = Column(index, headers[index], quantity, _scale(grid.source, headers[index], quantity, read))
     taken = {column.index for column in chosen.values()}
-    ignored = []
+    ignored, unnamed = [], []
     for index, header in enumerate(headers if grid.header is not None else []):
-        if index in taken or not header:
+        if index in taken:
+            continue
+        if not header:
+            if any(index < len(row) and row[index] for row in grid.cells):
+                unnamed.append(index + 1)
             continue
         name, unit = split_header(header)
-        quantity = _NAMES.get(name, name)
+        quantity = _referred(_NAMES.get(name, name), unit)
         if quantity in mapping:
             continue
         if quantity in _LABELS or quantity in _UNITS:
@@ -105,10 +126,21 @@ def choose_columns(grid: Grid, mapping: Mapping[str, tuple[str, str | None]]) ->
                 f"{', '.join(_UNITS[base])}, or --columns {base}={header}:UNIT"
             )
         if base == "pressure":
-            raise InputError(f"{grid.source}: column {header!r}: chambers are pressure_0 … pressure_{CHAMBERS - 1}")
+            raise InputError(
+                f"{grid.source}: column {header!r}: chambers are pressure_0 … pressure_{CHAMBERS - 1}, counted from 0; "
+                "rename the column"
+            )
         ignored.append(header)
     _require(grid.source, headers, chosen)
-    return chosen, [f"column {header!r} is not used" for header in ignored]
+    notes = [f"column {header!r} is not used" for header in ignored]
+    return chosen, notes + [f"column {number} has no name and is not used" for number in unnamed]
+
+
+def _referred(quantity: str, unit: str | None) -> str:
+    """The quantity with what its unit says of gauge or absolute (`psia`)."""
+    if quantity in GAUGE and unit is not None and unit_and_reference(unit)[1]:
+        return ABSOLUTE[GAUGE.index(quantity)]
+    return quantity
 
 
 def _find(source: str, headers: Sequence[str], wanted: str) -> int:
@@ -132,7 +164,9 @@ def _scale(source: str, header: str, quantity: str, unit: str | None) -> float:
             f"{source}: column {header!r}: the unit is missing; name it {quantity}_{example}, or give "
             f"--columns {quantity}={header}:{example}"
         )
-    name = unit_name(unit)
+    name, absolute = unit_and_reference(unit)
+    if quantity in ABSOLUTE and absolute is False:
+        raise InputError(f"{source}: column {header!r} says both absolute and gauge; name it for what it is")
     if name is None or name not in allowed:
         raise InputError(
             f"{source}: column {header!r}: {unit!r} is no unit of {quantity}; use one of {', '.join(allowed)}"

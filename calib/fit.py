@@ -26,7 +26,7 @@ from scipy import stats
 from calib.bend_table import BendTable, FloatArray
 from calib.calibration import DENSITY_KG_M3, Calibration, Candidate, Errors, Estimate
 from calib.model import ActuatorModel
-from calib.plausibility import check_response
+from calib.plausibility import ATMOSPHERE_PA, check_response, looks_absolute
 from calib.repeats import RepeatError, joined, repeat_error, repeat_groups
 from calib.robust_fit import Fit, LeaveOneOut, Observations, bend_vectors, fit_model, leave_one_out, observations
 from softbot.cross_section import CHAMBERS, DEFAULT_CENTROID_RATIO, DEFAULT_CHAMBER_AREA_RATIO
@@ -90,6 +90,7 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
     if not tried:
         raise InputError(f"{table.source}: the actuator law has no equilibrium near these bends; check the units")
     fit, left_out = _choose(tried)
+    _check_dead_band(loading, fit)
     errors = _errors(table, loading, fit, left_out, rows, groups, bend_repeat, length_repeat)
     quantile = float(stats.t.ppf(0.975, max(fit.degrees_of_freedom, 1)))
     parameters = _parameters(fit, quantile)
@@ -108,6 +109,15 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
         mass_kg=geometry.mass_kg,
         t_quantile=quantile,
     )
+
+
+def _check_dead_band(table: BendTable, fit: Fit) -> None:
+    """A dead band of one atmosphere under pressures that never fall below it is no dead band."""
+    dead_band_Pa = fit.model.law(fit.theta).dead_band_Pa
+    driven = np.max(table.pressure_Pa, axis=0) > 0.2 * np.max(table.pressure_Pa)
+    lowest_Pa = float(np.min(table.pressure_Pa[:, driven]))
+    if not table.gauge_stated and lowest_Pa > 0.8 * ATMOSPHERE_PA and abs(dead_band_Pa / ATMOSPHERE_PA - 1.0) < 0.1:
+        raise looks_absolute(table, f"the bend would begin at {dead_band_Pa / 1e3:.4g} kPa")
 
 
 def gain_groups(table: BendTable) -> tuple[tuple[int, ...], ...]:
@@ -136,7 +146,7 @@ def gain_groups(table: BendTable) -> tuple[tuple[int, ...], ...]:
 
 def _models(table: BendTable, geometry: Geometry, law: str, rows: Observations) -> list[ActuatorModel]:
     largest_Pa = float(np.max(table.pressure_Pa))
-    length_m = geometry.length_m or _length_at_rest(table)
+    length_m = geometry.length_m or table.rest_length_m or _length_at_rest(table)
     free = set()
     if table.has_length:
         free.add("radius" if geometry.radius_m is None else "centroid")
@@ -383,6 +393,12 @@ def _warnings(
                 "arm, or leave the radius out to have it fitted"
             )
     found += _lack_of_fit_words(loading, errors)
+    unloaded = np.max(loading.pressure_Pa, axis=1) < 0.02 * np.max(loading.pressure_Pa)
+    if np.any(unloaded) and np.mean(loading.bend_rad[unloaded]) > 0.1 * errors.full_scale_bend_rad:
+        found.append(
+            f"the robot is bent by {math.degrees(float(np.mean(loading.bend_rad[unloaded]))):.1f}° without pressure, "
+            "which no law here holds: measure bends from the straight robot, or take that bend off"
+        )
     together = _never_apart(loading)
     if together:
         found.append(f"chambers {together} always had the same pressure: their gains are taken as the mean, 1")
@@ -444,6 +460,7 @@ def _assumptions(table: BendTable, model: ActuatorModel, geometry: Geometry) -> 
         found.append(f"length at rest {geometry.length_m:g} m: given")
     elif "length" not in model.free:
         how = "the length at the lowest pressures" if table.has_length else "assumed: the table has no lengths"
+        how = "the length of every row" if table.rest_length_m is not None else how
         found.append(f"length at rest {model.length_m:.4g} m: {how}")
     if "radius" in model.free:
         how = "the ratio of bend to stretch" if table.has_length else "the softening of the wall"

@@ -12,11 +12,18 @@ from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.errors import InputError
 
 ATMOSPHERE_PA = 101_325.0
+_UNIT_RATIOS = {
+    "kPa to psi": 6.894757,
+    "kPa to bar": 100.0,
+    "kPa to MPa or Pa to kPa": 1000.0,
+    "degrees to radians": 180.0 / math.pi,
+    "psi to bar": 14.50377,
+}
 
 
 def checked(table: BendTable) -> BendTable:
     """The table, signs settled, copies removed. Raises InputError for what no robot can have measured."""
-    table = _without_copies(table)
+    table = _without_copies(_measured(table))
     if len(table) < 2:
         raise InputError(f"{table.source}: one row is not enough; measure the bend at two pressures or more")
     if not np.any(table.loading):
@@ -24,12 +31,25 @@ def checked(table: BendTable) -> BendTable:
     _check_pressures(table)
     table = _check_bends(table)
     _check_absolute(table)
-    _check_lengths(table)
-    return table
+    return _check_lengths(table)
 
 
 def _where(table: BendTable, row: int) -> str:
-    return f"{table.source}, line {table.line[row]}"
+    return table.place(row)
+
+
+def _measured(table: BendTable) -> BendTable:
+    """The rows whose bend was measured well. Raises InputError where a bend is missing without being flagged."""
+    missing = table.valid & ~np.isfinite(table.bend_rad)
+    if np.any(missing):
+        raise InputError(
+            f"{table.place(int(np.argmax(missing)))}: no bend; fill it in, remove the {table.row_word}, or add a "
+            "column valid with 0 there"
+        )
+    bad = int(np.sum(~table.valid))
+    if not bad:
+        return table
+    return replace(table.rows(table.valid), notes=(*table.notes, f"{bad} rows flagged as not valid left out"))
 
 
 def _without_copies(table: BendTable) -> BendTable:
@@ -95,11 +115,15 @@ def _check_bends(table: BendTable) -> BendTable:
     negative = (bend < -noise) & ~directed
     if np.any(negative):
         if np.any(bend[~directed] > noise):
-            row = int(np.argmax(negative))
-            raise InputError(
-                f"{_where(table, row)}: a negative bend; bends in two directions need bend_direction_deg "
-                "(towards the centre of curvature, 0° at chamber 0, 90° at chamber 1) and positive bends"
-            )
+            signed = _both_ways(table)
+            if signed is None:
+                row = int(np.argmax(negative))
+                raise InputError(
+                    f"{_where(table, row)}: a negative bend; bends in two directions need bend_direction_deg "
+                    "(towards the centre of curvature, 0° at chamber 0, 90° at chamber 1) and positive bends, or the "
+                    "pressures of two opposite chambers, whose difference has the sign of the bend throughout"
+                )
+            return signed
         table = replace(
             table,
             bend_rad=np.where(directed, bend, -bend),
@@ -113,26 +137,57 @@ def _check_bends(table: BendTable) -> BendTable:
     )
 
 
+def _both_ways(table: BendTable) -> BendTable | None:
+    """A table of signed bends by two opposite chambers, with directions; None where the signs do not follow them."""
+    largest_Pa = float(np.max(table.pressure_Pa))
+    driven = np.flatnonzero(np.max(table.pressure_Pa, axis=0) > 0.2 * largest_Pa)
+    if len(driven) != 2 or driven[1] - driven[0] != 2 or np.any(np.isfinite(table.direction_rad)):
+        return None
+    one, other = int(driven[0]), int(driven[1])
+    net_Pa = table.pressure_Pa[:, one] - table.pressure_Pa[:, other]
+    clear = (np.abs(net_Pa) > 0.2 * largest_Pa) & (np.abs(table.bend_rad) > 0.1 * np.max(np.abs(table.bend_rad)))
+    signs = np.sign(net_Pa[clear] * table.bend_rad[clear])
+    if len(np.unique(signs)) != 1:
+        return None
+    towards = CHAMBER_ANGLES_RAD[other], CHAMBER_ANGLES_RAD[one]  # a chamber that has pressure bends away from itself
+    positive = towards if signs[0] > 0 else towards[::-1]
+    return replace(
+        table,
+        bend_rad=np.abs(table.bend_rad),
+        direction_rad=np.where(table.bend_rad >= 0.0, positive[0], positive[1]),
+        notes=(
+            *table.notes,
+            f"signed bends: a positive one is by chamber {one if signs[0] > 0 else other}, a negative one by "
+            f"chamber {other if signs[0] > 0 else one}",
+        ),
+    )
+
+
 def _check_absolute(table: BendTable) -> None:
     """A column that starts at the atmosphere with a straight robot is absolute pressure."""
     used = table.pressure_Pa[:, np.max(table.pressure_Pa, axis=0) > 0.0]
-    if used.size == 0:
+    if used.size == 0 or table.gauge_stated:
         return
     lowest = float(np.min(used))
-    if not 0.93 * ATMOSPHERE_PA <= lowest <= 1.05 * ATMOSPHERE_PA:
+    if not 0.8 * ATMOSPHERE_PA <= lowest <= 1.05 * ATMOSPHERE_PA:
         return
     straight = table.bend_rad[np.argmin(np.sum(used, axis=1))]
-    if straight < 0.1 * np.max(table.bend_rad):
-        raise InputError(
-            f"{table.source}: the robot is straight at {lowest / 1e3:.4g} kPa: these are absolute pressures; "
-            "name the column pressure_absolute_kPa, or take the atmosphere off"
-        )
+    if straight < 0.05 * np.max(table.bend_rad):
+        raise looks_absolute(table, f"the robot is straight at {lowest / 1e3:.4g} kPa")
 
 
-def _check_lengths(table: BendTable) -> None:
+def looks_absolute(table: BendTable, why: str) -> InputError:
+    """The refusal of absolute pressures in a column that does not say so."""
+    return InputError(
+        f"{table.source}: {why}: these look like absolute pressures; name the column pressure_absolute_kPa or take the "
+        "atmosphere off (if they are gauge pressures after all, name it pressure_gauge_kPa)"
+    )
+
+
+def _check_lengths(table: BendTable) -> BendTable:
     length = table.length_m[np.isfinite(table.length_m)]
     if length.size == 0:
-        return
+        return table
     for row in np.flatnonzero(np.isfinite(table.length_m)):
         if not 1e-3 <= table.length_m[row] <= 100.0:
             raise InputError(
@@ -143,6 +198,50 @@ def _check_lengths(table: BendTable) -> None:
             f"{table.source}: lengths from {np.min(length):.4g} m to {np.max(length):.4g} m; no tube "
             "stretches five times: check for mixed units"
         )
+    if length.size > 1 and np.ptp(length) <= 1e-6 * np.max(length):
+        return replace(
+            table,
+            length_m=np.full(len(table), np.nan),
+            rest_length_m=float(length[0]),
+            notes=(*table.notes, f"the length is {length[0]:.4g} m in every row: taken as the length at rest"),
+        )
+    return table
+
+
+def _check_one_unit(table: BendTable) -> None:
+    """Rows in another unit than the rest: two clouds of bend per pressure, apart by the ratio of two units."""
+    angle = np.array(CHAMBER_ANGLES_RAD)
+    net_Pa = np.hypot(*(table.pressure_Pa @ np.column_stack([np.cos(angle), np.sin(angle)])).T)
+    bend = table.bend_rad
+    rows = np.flatnonzero((net_Pa > 0.02 * np.median(net_Pa)) & (bend > 0.005 * np.max(bend)) & (net_Pa > 0.0))
+    if len(rows) < 5 or rank_correlation(net_Pa[rows], bend[rows]) > 0.9:
+        return
+    slope = np.log(bend[rows] / net_Pa[rows])
+    order = np.argsort(slope)
+    gap = int(np.argmax(np.diff(slope[order])))
+    flat, steep = order[: gap + 1], order[gap + 1 :]
+    apart = float(np.median(slope[steep]) - np.median(slope[flat]))
+    pair, ratio = min(_UNIT_RATIOS.items(), key=lambda one: abs(math.log(one[1]) - apart))
+    if abs(apart - math.log(ratio)) > 0.25 * math.log(ratio):
+        return
+    odd = min(flat, steep, key=len)
+    mended = net_Pa[rows].copy()
+    mended[steep] *= ratio
+    if rank_correlation(mended, bend[rows]) > 0.95:
+        row = int(rows[np.min(odd)])
+        raise InputError(
+            f"{table.place(row)}: here the bend per pressure is {math.exp(apart):.3g} times "
+            f"{'greater' if odd is steep else 'smaller'} than in most rows, about the ratio of {pair} "
+            f"({len(odd)} such rows): put all rows into the unit of the header"
+        )
+
+
+def rank_correlation(one: np.ndarray, other: np.ndarray) -> float:
+    """Spearman's, without a correction for ties; 0 where one does not change."""
+    ranks = [np.unique(values, return_inverse=True)[1].astype(float) for values in (one, other)]
+    centred = [rank - rank.mean() for rank in ranks]
+    size = math.sqrt(float(np.sum(centred[0] ** 2) * np.sum(centred[1] ** 2)))
+    return float(centred[0] @ centred[1]) / size if size > 0.0 else 0.0
 
 
 def check_response(table: BendTable) -> list[str]:
@@ -151,6 +250,7 @@ def check_response(table: BendTable) -> list[str]:
     Raises InputError when the bend falls as the pressure rises, and when the directions are turned or mirrored against
     the chambers.
     """
+    _check_one_unit(table)
     angle = np.array(CHAMBER_ANGLES_RAD)
     expected = -table.pressure_Pa @ np.column_stack([np.cos(angle), np.sin(angle)])
     net_Pa = np.hypot(*expected.T)

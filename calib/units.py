@@ -20,9 +20,9 @@ PRESSURE_PA = {
     "n/mm2": 1e6,
     "n/m2": 1.0,
 }
-ANGLE_RAD = {"deg": math.pi / 180.0, "rad": 1.0}
-CURVATURE_1_M = {"1/m": 1.0, "1/mm": 1e3}
-LENGTH_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+ANGLE_RAD = {"deg": math.pi / 180.0, "rad": 1.0, "mrad": 1e-3}
+CURVATURE_1_M = {"1/m": 1.0, "1/cm": 1e2, "1/mm": 1e3}
+LENGTH_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 TIME_S = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 
 _SPELLINGS = {
@@ -42,25 +42,50 @@ _SPELLINGS = {
     "m^-1": "1/m",
     "m⁻¹": "1/m",
     "1_mm": "1/mm",
-    "psig": "psi",
+    "rad/m": "1/m",
+    "inch": "in",
+    "inches": "in",
+    "pascal": "pa",
     "sec": "s",
     "seconds": "s",
 }
+_REFERENCES = {"g": False, "gauge": False, "a": True, "abs": True, "absolute": True}
 _ALL = {**PRESSURE_PA, **ANGLE_RAD, **CURVATURE_1_M, **LENGTH_M, **TIME_S}
-_SUFFIXES = sorted([*_ALL, *_SPELLINGS], key=len, reverse=True)
+_REFERRED = [f"{unit}{joint}{word}" for unit in PRESSURE_PA for joint in ("", "_", " ") for word in _REFERENCES]
+_SUFFIXES = sorted([*_ALL, *_SPELLINGS, *_REFERRED], key=len, reverse=True)
 
 
 def unit_name(text: str) -> str | None:
     """The canonical name of a unit as people write it, or None for what is no unit known here."""
+    return unit_and_reference(text)[0]
+
+
+def unit_and_reference(text: str) -> tuple[str | None, bool | None]:
+    """The unit's canonical name, None if unknown, and whether it says absolute (`psia`, `kPa abs`), None if nothing."""
     word = text.strip().lower().rstrip(".")
     word = _SPELLINGS.get(word, word)
-    return word if word in _ALL else None
+    if word in _ALL:
+        return word, None
+    found = re.fullmatch(r"(.+?)[\s_(]*(gauge|absolute|abs|a|g)\)?", word)
+    if found and found.group(1) in PRESSURE_PA:
+        return found.group(1), _REFERENCES[found.group(2)]
+    return None, None
+
+
+def says_gauge(header: str) -> bool:
+    """Whether a header says in so many words that its pressures are above the atmosphere."""
+    name, unit = split_header(header)
+    return "gauge" in name.split("_") or (unit is not None and unit_and_reference(unit)[1] is False)
 
 
 def split_header(header: str) -> tuple[str, str | None]:
     """A header's name (lower case, words joined by `_`) and the text of its unit, None where it has none."""
     text = header.strip()
-    for pattern in (r"^(.*?)\s*[\(\[]\s*([^()\[\]]*?)\s*[\)\]]$", r"^(.*?)\s+/\s+(\S+)$"):
+    for pattern in (
+        r"^(.*?)\s*\[\s*([^\[\]]*?)\s*\]$",
+        r"^(.*?)\s*\(\s*([^()]*?(?:\([ag]\))?)\s*\)$",
+        r"^(.*?)\s+/\s+(\S+)$",
+    ):
         found = re.match(pattern, text)
         if found:
             return _words(found.group(1)), found.group(2)
@@ -73,4 +98,4 @@ def split_header(header: str) -> tuple[str, str | None]:
 
 
 def _words(text: str) -> str:
-    return re.sub(r"[^0-9a-z]+", "_", text.lower()).strip("_")
+    return re.sub(r"[^0-9a-z]+", "_", text.lower()).strip("_").removesuffix("_in")  # "angle in deg"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    table: Annotated[Path, typer.Argument(help="CSV with pressures and bends, such as pressure_kPa,bend_deg.")],
+    table: Annotated[Path, typer.Argument(help="CSV or .xlsx with pressures and bends: pressure_kPa,bend_deg …")],
     out: Annotated[Path | None, typer.Option(help="Robot file to write (TOML).")] = None,
     length_mm: Annotated[float | None, typer.Option(help="Length at rest; else from the table, or assumed.")] = None,
     radius_mm: Annotated[float | None, typer.Option(help="Outer radius; else fitted, or assumed.")] = None,
@@ -24,6 +24,7 @@ def calibrate(
         str | None,
         typer.Option(help="What the header does not say: pressure=HEADER:kPa,bend=HEADER:deg (or column numbers)."),
     ] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook that has several tables.")] = None,
     law: Annotated[str, typer.Option(help="Wall material: auto, linear, neo-hookean or yeoh.")] = "auto",
     name: Annotated[str | None, typer.Option(help="Name of the robot; else the table's.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of table, fit and band (PNG, SVG or PDF).")] = None,
@@ -53,7 +54,7 @@ def calibrate(
         from softbot.toml_file import write_toml
 
         geometry = Geometry(_scaled(length_mm), _scaled(radius_mm), _scaled(mass_g))
-        rows = read_table(table, columns=columns, length_m=geometry.length_m)
+        rows = read_table(table, columns=columns, length_m=geometry.length_m, sheet=sheet)
         calibration = calibrate_table(rows, geometry, law)
         robot_name = name or _robot_name(table)
         calibration.robot(robot_name)  # refuses what is no robot before anything is written

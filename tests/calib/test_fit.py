@@ -188,6 +188,8 @@ def rows_of(pressure_kPa: list[float], bend_deg: list[float]) -> BendTable:
         empty,
         empty,
         np.arange(n),
+        nothing,
+        np.ones(n, dtype=bool),
     )
 
 

@@ -207,7 +207,7 @@ BAD = {
     "radians called degrees": ("pressure_kPa,bend_deg\n" + scaled(1.0, 1.0 / 57.3), "radians called degrees"),
     "constant pressure": (HEAD + "20,8\n20,9\n20,10\n", "the pressure never changes"),
     "gauge and absolute mixed": (HEAD + "20,8\n-81,16\n60,25\n", "mix of gauge and absolute"),
-    "absolute called gauge": (HEAD + "101.3,0.1\n121,8\n141,16\n", "these are absolute pressures"),
+    "absolute called gauge": (HEAD + "101.3,0.1\n121,8\n141,16\n", "these look like absolute pressures"),
     "bends both ways without direction": (HEAD + "20,8\n40,-16\n60,25\n", "bends in two directions need"),
     "metres called millimetres": ("pressure_kPa,bend_deg,length_mm\n20,8,0.15\n40,16,0.16\n", "a length of 0.00015 m"),
     "lengths in two units": ("pressure_kPa,bend_deg,length_mm\n20,8,150\n40,16,16\n", "mixed units"),
@@ -230,7 +230,7 @@ def test_files_that_are_no_text_are_refused(tmp_path: Path) -> None:
         read_table(tmp_path)
     workbook = tmp_path / "book.xlsx"
     workbook.write_bytes(b"PK\x03\x04 and so on")
-    with pytest.raises(InputError, match="is a spreadsheet"):
+    with pytest.raises(InputError, match="a damaged workbook"):
         read_table(workbook)
     binary = tmp_path / "noise.csv"
     binary.write_bytes(bytes(range(256)))
