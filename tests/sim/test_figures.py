@@ -64,3 +64,17 @@ def test_wrong_figure_option_or_place_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=says):
         draw(name, tmp_path / file, options)
+
+
+def test_the_rod_has_the_larger_margin_of_the_step(tmp_path: Path) -> None:
+    few = {"stiffnesses": 2, "lowest_N_m2": 4e-3, "highest_N_m2": 0.04, "duration_s": 0.5, "shortest_step_s": 4e-3}
+    drawn = draw("step-margin", tmp_path / "s.png", few)
+    assert (tmp_path / "s.png").read_bytes().startswith(PNG)
+    assert drawn["rod_largest_step_s"] == [drawn["largest_step_tried_s"]] * 2
+    for rod_s, bullet_s in zip(drawn["rod_largest_step_s"], drawn["bullet_largest_step_s"], strict=True):
+        assert bullet_s is None or bullet_s <= rod_s
+
+
+def test_a_margin_over_one_stiffness_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="at least 2"):
+        draw("step-margin", tmp_path / "s.png", {"stiffnesses": 1})

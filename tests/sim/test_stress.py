@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from sim.figures.step_margin import rolling_trial
 from sim.stress import DEPTH, judge, judge_seed, random_segment_trial, random_trial
 
 CHUNK = 250
@@ -29,6 +31,16 @@ def test_some_random_scenes_keep_their_invariants_or_are_refused(first: int) -> 
 @pytest.mark.parametrize("seed", FOUND)
 def test_a_scene_that_failed_once_is_kept_or_refused(seed: int) -> None:
     assert not judge_seed(seed).failed
+
+
+@pytest.mark.stress
+@pytest.mark.parametrize("ground", ["plane", "none"])
+def test_ten_hours_of_rolling_and_of_floating_keep_their_invariants(ground: str) -> None:
+    step_s = 0.02
+    trial = rolling_trial(4e-3, step_s, {"modes": 3, "contact_points": 12}, 36_000.0)
+    table = trial.table | {"world": {"friction": 0.6, "ground": ground}}
+    verdict = judge(replace(trial, table=table), time_limit_s=3600.0)
+    assert verdict.outcome == "kept", verdict.words
 
 
 @pytest.mark.stress
