@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import pytest
 
+import firmware_protocol.document
 from firmware_protocol.document import document
 from firmware_protocol.errors import SpecError
 from firmware_protocol.spec import dbc_text, read_spec, spec
@@ -15,6 +17,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "protocol.md"
 
 def test_the_page_is_made_from_the_dbc() -> None:
     assert document() == PAGE.read_text(encoding="utf-8"), "make it anew: python -m firmware_protocol.document"
+
+
+def test_the_command_prints_the_page(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(firmware_protocol.document.__file__), run_name="__main__")
+    assert capsys.readouterr().out == document()
 
 
 def test_the_document_names_every_message_signal_and_value() -> None:
