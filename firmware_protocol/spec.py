@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -85,9 +86,10 @@ class MessageSpec:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolSpec:
-    """The whole DBC. `messages` by ascending identifier, that is by bus priority."""
+    """The whole DBC. `messages` by ascending identifier, that is by bus priority; `comment` on the whole of it."""
 
     version: str
+    comment: str
     bitrate_bit_s: int
     dbc_hash: int
     messages: tuple[MessageSpec, ...]
@@ -130,6 +132,7 @@ def read_spec(text: str) -> ProtocolSpec:
     messages = tuple(_read_message(message) for message in sorted(database.messages, key=lambda each: each.frame_id))
     return ProtocolSpec(
         version=database.version,
+        comment=_comment(text),
         bitrate_bit_s=int(attributes["Baudrate"].value),
         dbc_hash=hash_of_dbc(text),
         messages=messages,
@@ -161,6 +164,13 @@ def time_us(t_s: float) -> int:
     if not math.isfinite(t_s):
         raise ProtocolError(f"time {t_s} s is not finite")
     return round(t_s * 1e6)
+
+
+def _comment(text: str) -> str:
+    found = re.search(r'^CM_ "((?:[^"\\]|\\.)*)";', text, re.MULTILINE)
+    if found is None:
+        raise SpecError('softbot.dbc: the comment on the whole is missing; add CM_ "…";')
+    return found[1]
 
 
 def _read_message(message: Any) -> MessageSpec:

@@ -84,6 +84,21 @@ def test_measurements_carry_si_values(new_bench: NewBench) -> None:
     assert content["ImuAccelerometer"]["Z"] == pytest.approx(9.81)
 
 
+def test_measurements_keep_their_cycle(new_bench: NewBench) -> None:
+    bench = new_bench()
+    content: dict[str, Any] = {
+        "pressures_Pa": REST,
+        "openings": REST,
+        "supply_pressure_Pa": 0.0,
+        "main_supply_open": False,
+        "angular_velocity_rad_s": (0.0, 0.0, 0.0),
+        "specific_force_m_s2": (0.0, 0.0, 0.0),
+    }
+    sent = [len(bench.rules.measurements(cycle / 1000, **content)) for cycle in range(21)]
+    assert [cycle for cycle, count in enumerate(sent) if count == 5] == [0, 6, 16]  # at most 4 ms early
+    assert sum(sent) == 15
+
+
 def test_a_message_with_a_value_that_is_not_finite_is_left_out(new_bench: NewBench) -> None:
     bench = new_bench()
     frames = bench.rules.measurements(

@@ -13,16 +13,18 @@ from firmware_protocol.codec import decode
 from firmware_protocol.e2e import FrameStatus, Sender
 from firmware_protocol.enumerations import (
     BoardMode,
+    BusState,
     ControlMode,
     EmergencyReason,
     FaultKind,
     Health,
+    Parameter,
     SafeReason,
     SequencerState,
 )
 from firmware_protocol.errors import FrameError, LimitsError
 from firmware_protocol.frame import Frame
-from firmware_protocol.sequencer_link import LinkFailure, LinkLimits, LinkState, SequencerLink
+from firmware_protocol.sequencer_link import ErrorCounters, LinkFailure, LinkLimits, LinkState, SequencerLink
 
 SETPOINTS = (10e3, 20e3, 30e3, 40e3)
 Filter = Callable[[Frame], bool]
@@ -370,6 +372,70 @@ def test_a_setpoint_the_frame_cannot_carry_is_refused() -> None:
 def test_limits_that_mean_nothing_are_refused(name: str, value: float) -> None:
     with pytest.raises(LimitsError, match=name):
         LinkLimits(**{name: value})
+
+
+@pytest.mark.parametrize(("version", "armed"), [((0, 9, 9), True), ((1, 0, 0), False)])
+def test_firmware_of_another_major_version_is_not_armed(version: tuple[int, int, int], armed: bool) -> None:
+    loop = Loop()
+    loop.board.version = version
+    loop.link.arm()
+    loop.run(0.5)
+    assert loop.link.armed == armed
+    assert loop.link.failure is (LinkFailure.NONE if armed else LinkFailure.VERSION_MISMATCH)
+    assert LinkLimits(board_version_major=1).board_version_major == 1
+
+
+def test_parameters_are_read_and_lowered_through_the_link() -> None:
+    loop = Loop()
+    loop.link.parameters.read(Parameter.OVER_PRESSURE)
+    loop.link.parameters.write(Parameter.MAX_SETPOINT, 150)
+    loop.run(0.1)
+    assert loop.link.parameters.values == {Parameter.OVER_PRESSURE: 2500, Parameter.MAX_SETPOINT: 150}
+    loop.armed()
+    assert loop.decision is not None
+    assert loop.decision.setpoints_Pa == (10e3, 15e3, 15e3, 15e3)
+
+
+def test_the_boards_clock_is_measured_and_forgotten_when_a_clock_jumps() -> None:
+    loop = Loop()
+    assert loop.link.clock.best is None
+    loop.run(0.05)
+    assert loop.link.clock.best == (0, 0)
+    loop.link.outgoing(0.0, SETPOINTS)
+    assert loop.link.clock.best is None
+
+
+def test_each_end_learns_the_other_ends_errors_and_the_boards_health() -> None:
+    loop = Loop()
+    loop.run(0.02)
+    assert loop.link.readings.board_health is Health.OK
+    assert loop.link.readings.board_errors == (BusState.ERROR_ACTIVE, 0, 0, 0, 0)
+    loop.board.receive(0x110, bytes(8), loop.t_s)
+    loop.board.receive(0x7FF, b"", loop.t_s)
+    loop.board.report_bus(BusState.ERROR_PASSIVE, 130, 5)
+    loop.link.receive(0x200, bytes(8), loop.t_s)
+    loop.link.report_bus(BusState.ERROR_PASSIVE, 12, 140)
+    said: list[dict[str, float]] = []
+    for _ in range(110):
+        loop.run(0.01)
+        said += [decode(*frame)[1] for frame in loop.to_board if frame.frame_id == 0x160]
+    assert loop.link.readings.board_errors == ErrorCounters(BusState.ERROR_PASSIVE, 130, 5, 1, 1)
+    assert loop.link.readings.board_health is Health.DEGRADED
+    assert len(said) == 1
+    assert [said[0][name] for name in ("BusState", "TransmitErrors", "ReceiveErrors")] == [1, 12, 140]
+    assert [said[0][name] for name in ("ProtectionErrors", "RefusedFrames")] == [1, 0]
+
+
+def test_a_clock_that_went_back_delays_neither_stop_nor_reports() -> None:
+    link = SequencerLink()
+    link.report_fault(FaultKind.LEAK, chamber=0)
+    link.emergency_stop()
+    link.outgoing(100.0, SETPOINTS)
+    link.report_fault(FaultKind.LEAK, chamber=1)
+    frames = [frame.frame_id for frame in link.outgoing(1.0, SETPOINTS)]
+    assert 0x010 in frames
+    assert 0x130 not in frames
+    assert 0x130 in [frame.frame_id for frame in link.outgoing(1.05, SETPOINTS)]
 
 
 def test_two_nodes_arm_over_a_virtual_bus_and_the_plant_obeys() -> None:
