@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from firmware_protocol.c_codec import c_type, payload, snake_case, to_physical_name, to_raw_name
-from firmware_protocol.c_reference import compile_c, write_c_reference
+from firmware_protocol.c_reference import compile_c_reference
 from firmware_protocol.spec import MessageSpec, spec
 
 Ints = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+REPLAY = Path(__file__).parent / "replay.c"
 
 
 class CCodec:
@@ -98,15 +100,21 @@ def _batch_of(message: MessageSpec) -> list[str]:
     return [*lines, "    }", "}", ""]
 
 
-def build_tested_library(folder: Path, options: tuple[str, ...] = ("-O2",)) -> Path:
-    """The reference and the functions above as one shared library in `folder`."""
-    sources = [each for each in write_c_reference(folder) if each.suffix == ".c"]
-    batch = folder / "batch.c"
-    batch.write_text(batch_source(), encoding="utf-8")
-    return compile_c([*sources, batch], folder / "tested.so", (*options, "-fPIC", "-shared"))
+@pytest.fixture(scope="session")
+def c_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The reference with the functions above, compiled for this machine.
+
+    C_REFERENCE_OPTIONS in the environment stands in place of -O2 (sanitizers, coverage), and C_REFERENCE_FOLDER in
+    place of a temporary folder, which has to be there and empty.
+    """
+    named = os.environ.get("C_REFERENCE_FOLDER")
+    folder = Path(named) if named else tmp_path_factory.mktemp("c")
+    (folder / "batch.c").write_text(batch_source(), encoding="utf-8")
+    options = os.environ.get("C_REFERENCE_OPTIONS", "-O2").split()
+    return ctypes.CDLL(str(compile_c_reference(folder, options, [folder / "batch.c", REPLAY])))
 
 
 @pytest.fixture(scope="session")
-def c_codec(tmp_path_factory: pytest.TempPathFactory) -> CCodec:
-    """The C codec and protection, compiled for this machine."""
-    return CCodec(ctypes.CDLL(str(build_tested_library(tmp_path_factory.mktemp("c")))))
+def c_codec(c_library: ctypes.CDLL) -> CCodec:
+    """The C codec and protection."""
+    return CCodec(c_library)
