@@ -194,12 +194,13 @@ static softbot_signals_t heartbeat_of(const softbot_board_t *board, uint64_t now
 {
     const softbot_safety_t *const safety = &board->safety;
     const uint64_t uptime_s = since(now_us, safety->started_us) / US_PER_S;
+    const softbot_health_t health = softbot_safety_health(safety, softbot_reception_blemished(&board->reception));
     const softbot_signals_t signals = {
         .index = SOFTBOT_MESSAGE_BOARD_HEARTBEAT,
         .of.board_heartbeat = {
             .board_mode = (uint8_t)safety->mode,
             .safe_reason = (uint8_t)safety->reason,
-            .health = (uint8_t)softbot_safety_health(safety, softbot_reception_blemished(&board->reception)),
+            .health = (uint8_t)health,
             .arm_challenge = safety->challenge,
             .uptime_s = (uint32_t)at_most(uptime_s, UINT32_MAX),
         },
@@ -255,8 +256,10 @@ uint32_t softbot_board_outgoing(softbot_board_t *board, uint64_t now_us,
 {
     uint32_t count = 0u;
     if ((board->safety.fault_count > 0u) && event_due(board, SOFTBOT_MESSAGE_BOARD_FAULT, now_us)) {
-        softbot_signals_t signals = {.index = SOFTBOT_MESSAGE_BOARD_FAULT};
-        softbot_safety_take_fault(&board->safety, &signals.of.board_fault);
+        const softbot_signals_t signals = {
+            .index = SOFTBOT_MESSAGE_BOARD_FAULT,
+            .of.board_fault = softbot_safety_take_fault(&board->safety),
+        };
         count = send(board, &signals, frames, count);
     }
     if (softbot_schedule_due(&board->schedule, SOFTBOT_MESSAGE_BOARD_HEARTBEAT, now_us)) {

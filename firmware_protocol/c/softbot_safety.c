@@ -262,15 +262,12 @@ void softbot_safety_latch(softbot_safety_t *safety, softbot_safe_reason_t reason
     }
 }
 
-bool softbot_safety_take_fault(softbot_safety_t *safety, softbot_board_fault_t *fault)
+softbot_board_fault_t softbot_safety_take_fault(softbot_safety_t *safety)
 {
-    const bool taken = safety->fault_count > 0u;
-    if (taken) {
-        *fault = safety->faults[safety->first_fault];
-        safety->first_fault = (safety->first_fault + 1u) % SOFTBOT_KEPT_FAULTS;
-        safety->fault_count -= 1u;
-    }
-    return taken;
+    const softbot_board_fault_t oldest = safety->faults[safety->first_fault];
+    safety->first_fault = (safety->first_fault + 1u) % SOFTBOT_KEPT_FAULTS;
+    safety->fault_count -= 1u;
+    return oldest;
 }
 
 softbot_health_t softbot_safety_health(const softbot_safety_t *safety, bool blemished)

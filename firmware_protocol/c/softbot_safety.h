@@ -90,8 +90,8 @@ void softbot_safety_bus(softbot_safety_t *safety, softbot_bus_state_t bus_state)
  */
 void softbot_safety_latch(softbot_safety_t *safety, softbot_safe_reason_t reason, uint8_t chamber, uint64_t detail);
 
-/* Takes the oldest fault that is still to be sent; false: there is none. */
-bool softbot_safety_take_fault(softbot_safety_t *safety, softbot_board_fault_t *fault);
+/* Takes the oldest fault that is still to be sent; there must be one (fault_count > 0). */
+softbot_board_fault_t softbot_safety_take_fault(softbot_safety_t *safety);
 
 /* The board's judgement of itself; blemished: a frame was refused lately. */
 softbot_health_t softbot_safety_health(const softbot_safety_t *safety, bool blemished);

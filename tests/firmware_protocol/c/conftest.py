@@ -35,6 +35,12 @@ class CCodec:
         self._call(f"batch_encode_{message.name}", len(whole), whole, physical, frames, accepted)
         return frames, accepted
 
+    def pack(self, message: MessageSpec, raw: Ints) -> tuple[Bytes, Bytes]:
+        """Frames [n, 8] without protection of raw counts, and which rows were accepted [n]."""
+        frames, accepted = np.zeros((len(raw), 8), np.uint8), np.zeros(len(raw), np.uint8)
+        self._call(f"batch_pack_{message.name}", len(raw), raw, frames, accepted)
+        return frames, accepted
+
     def decode(self, message: MessageSpec, frames: Bytes) -> tuple[Ints, Doubles, Bytes, Bytes]:
         """`whole`, `physical`, which rows were accepted, and which have a right CRC."""
         rows, columns = len(frames), len(payload(message))
@@ -64,8 +70,15 @@ def _batch_of(message: MessageSpec) -> list[str]:
         "uint8_t *accepted)",
         f"void batch_decode_{message.name}(size_t rows, const uint8_t *frames, int64_t *whole, double *physical, "
         "uint8_t *accepted, uint8_t *protected)",
+        f"void batch_pack_{message.name}(size_t rows, const int64_t *raw, uint8_t *frames, uint8_t *accepted)",
     ]
     lines = [f"{each};" for each in prototypes]
+    lines += [prototypes[2], "{", "    for (size_t row = 0; row < rows; row++) {"]
+    lines += [f"        softbot_signals_t signals = {{.index = {index}}};"]
+    for column, signal in signals:
+        at, field = f"row * {len(signals)} + {column}", f"signals.{member}.{snake_case(signal.name)}"
+        lines.append(f"        {field} = ({c_type(signal)})raw[{at}];")
+    lines += ["        accepted[row] = softbot_pack(&signals, &frames[8 * row]);", "    }", "}"]
     unused = ["    (void)whole;", "    (void)physical;"]  # a message may have none of the one or of the other
     lines += [prototypes[0], "{", *unused, "    for (size_t row = 0; row < rows; row++) {"]
     lines += [f"        softbot_signals_t signals = {{.index = {index}}};", "        bool good = true;"]

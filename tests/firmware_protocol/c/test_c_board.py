@@ -7,6 +7,7 @@ import math
 import random
 import struct
 from collections import Counter
+from typing import Any
 
 import pytest
 
@@ -14,8 +15,9 @@ from firmware_protocol.arming import arm_token
 from firmware_protocol.board import BoardLimits, BoardRules
 from firmware_protocol.c_board import CBoardRules
 from firmware_protocol.codec import dbc_hash
-from firmware_protocol.e2e import FrameStatus, protect
+from firmware_protocol.e2e import FrameStatus, Sender, protect
 from firmware_protocol.enumerations import BoardMode, BusState, Parameter, SafeReason
+from firmware_protocol.errors import LimitsError
 from firmware_protocol.parameters import PARAMETERS
 from firmware_protocol.reception import ReceptionLimits
 from firmware_protocol.safety import SENSOR_INVALID_hPa
@@ -334,3 +336,212 @@ def test_a_hundred_thousand_sequences_lead_both_boards_through_the_same_transiti
 
 def test_long_sequences_fill_and_turn_every_queue(c_library: ctypes.CDLL) -> None:
     play(c_library, 500, 4, 5_000)
+
+
+# ---------------------------------------------------------------------- one thing at a time
+
+
+@pytest.fixture
+def boards(c_library: ctypes.CDLL) -> tuple[BoardRules, CBoardRules]:
+    """One board in Python and one in C, of the same limits."""
+    return BoardRules(LIMITS[0]), CBoardRules(LIMITS[0], library=c_library)
+
+
+def test_measurements_go_out_as_the_same_bytes(boards: tuple[BoardRules, CBoardRules]) -> None:
+    chance = random.Random(4)
+
+    def some(low: float, high: float) -> float:
+        odd = (math.nan, math.inf, low * 1.5, high * 1.5)
+        return chance.choice(odd) if chance.random() < 0.03 else chance.uniform(low, high)
+
+    sent = 0
+    for cycle in range(1500):
+        measured = {
+            "pressures_Pa": [some(-9e3, 9e5) for _ in range(4)],
+            "openings": [some(-1, 1) for _ in range(4)],
+            "supply_pressure_Pa": some(-9e3, 1.7e6),
+            "main_supply_open": chance.random() < 0.5,
+            "angular_velocity_rad_s": [some(-70, 70) for _ in range(3)],
+            "specific_force_m_s2": [some(-170, 170) for _ in range(3)],
+        }
+        t_s = cycle * chance.choice((0.004, 0.01, 0.01))
+        ours, theirs = (board.measurements(t_s, **measured) for board in boards)
+        assert theirs == ours
+        sent += len(ours)
+    assert 2000 < sent < 7000  # some were not due, some left out
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        {"pressures_Pa": (0.0,) * 3},
+        {"openings": None},
+        {"supply_pressure_Pa": "much"},
+        {"angular_velocity_rad_s": (0.0,) * 4},
+    ],
+)
+def test_measurements_that_make_no_sense_end_in_the_safe_state(
+    boards: tuple[BoardRules, CBoardRules], measured: dict[str, Any]
+) -> None:
+    good = {
+        "pressures_Pa": (0.0,) * 4,
+        "openings": (0.0,) * 4,
+        "supply_pressure_Pa": 0.0,
+        "main_supply_open": False,
+        "angular_velocity_rad_s": (0.0,) * 3,
+        "specific_force_m_s2": (0.0,) * 3,
+    }
+    for board in boards:
+        assert board.measurements(0.0, **(good | measured)) == []
+        assert board.state.reason is SafeReason.INTERNAL_ERROR
+        assert "Error" in board.state.last_error
+
+
+def test_times_and_frames_that_make_no_sense_end_in_the_safe_state(c_library: ctypes.CDLL) -> None:
+    for t_s in (math.nan, -1.0, 1e300):
+        for call in ("tick", "receive", "outgoing"):
+            board = CBoardRules(LIMITS[0], library=c_library)
+            board.tick(5.0, (0.0,) * 4)
+            if call == "tick":
+                decision = board.tick(t_s, (0.0,) * 4)
+                assert (decision.safe, decision.reason) == (True, SafeReason.INTERNAL_ERROR)
+            elif call == "receive":
+                assert board.receive(0x10, bytes(2), t_s).status is FrameStatus.MALFORMED
+            else:
+                assert board.outgoing(t_s) == []
+            assert board.state.reason is SafeReason.INTERNAL_ERROR
+            assert board.state.now_us == 5_000_000
+
+
+def test_identifiers_outside_of_eleven_bits_and_long_frames_are_refused(
+    boards: tuple[BoardRules, CBoardRules],
+) -> None:
+    for frame_id, data in ((-1, b""), (1 << 40, bytes(8)), (0x810, bytes(2)), (0x10, bytes(64)), (0x10, b"")):
+        ours, theirs = (board.receive(frame_id, data, 0.0) for board in boards)
+        assert theirs == ours
+        assert not theirs.status.accepted
+
+
+def test_the_whole_identifier_space_but_the_list_is_refused_in_c(c_library: ctypes.CDLL) -> None:
+    board = CBoardRules(LIMITS[0], library=c_library)
+    listed = {message.frame_id: message.length_bytes for message in TO_BOARD}
+    refused = 0
+    for frame_id in range(2048):
+        for length in range(9):
+            if listed.get(frame_id) != length:
+                status = board.receive(frame_id, bytes(length), 0.0).status
+                assert status is (FrameStatus.MALFORMED if frame_id in listed else FrameStatus.NOT_LISTED)
+                refused += 1
+    assert refused == 2048 * 9 - len(TO_BOARD)
+    assert board.state.mode is BoardMode.SAFE_LATCHED
+
+
+# ---------------------------------------------------------------------- limits
+
+
+def init(library: ctypes.CDLL, counts: tuple[int, ...], seed: int = 1, major: int = 0) -> tuple[bool, ctypes.Array]:
+    CBoardRules(LIMITS[0], library=library)  # tells ctypes what the functions return
+    board = (ctypes.c_uint64 * library.softbot_host_size())()
+    accepted = library.softbot_host_init(
+        board, (ctypes.c_uint16 * 8)(*counts), ctypes.c_uint16(seed), (ctypes.c_uint8 * 3)(major, 0, 0)
+    )
+    return accepted, board
+
+
+def test_c_accepts_the_limits_that_python_accepts(c_library: ctypes.CDLL) -> None:
+    usual = counts_of(LIMITS[0])
+    edges: tuple[tuple[int, ...], ...] = (
+        *((0, 1, 2499, 2500, 2501), (1999, 2000, 2001, 8091, 8092, 65535)),
+        *((0, 1, 10_000, 10_001),) * 3,
+        *((0, 1, 14, 15), (0, 1, 3, 4, 32, 33), (0, 15, 16, 31, 32)),
+    )
+    verdicts = Counter()
+    for place, values in enumerate(edges):
+        for value in values:
+            counts = (*usual[:place], value, *usual[place + 1 :])
+            try:
+                BoardLimits(
+                    *(each * 100.0 for each in counts[:2]),
+                    *(each / 1000 for each in counts[2:5]),
+                    ReceptionLimits(*counts[5:]),
+                )
+                expected = counts[6] <= 32
+            except LimitsError:
+                expected = False
+            assert init(c_library, counts)[0] is expected, counts
+            verdicts[expected] += 1
+    assert min(verdicts.values()) > 10
+    assert not init(c_library, usual, seed=0)[0]
+    assert init(c_library, usual, major=15)[0]
+    assert not init(c_library, usual, major=16)[0]
+
+
+def test_a_board_whose_limits_were_refused_cannot_be_armed(c_library: ctypes.CDLL) -> None:
+    accepted, memory = init(c_library, (3000, 2000, 100, 200, 1000, 3, 16, 3))
+    assert not accepted
+    board = CBoardRules(LIMITS[0], library=c_library)
+    board.board = memory
+    for number, (mode, counter) in enumerate(((0, 0), (1, 1), (2, 2), (3, 3))):
+        t_s = 0.001 * number
+        assert board.tick(t_s, (-1e3,) * 4).safe
+        word = mode << 12 | arm_token(board.state.challenge, dbc_hash()) << 16 | dbc_hash() << 32
+        data = protect("SequencerControl", word.to_bytes(8, "little"), counter)
+        assert board.receive(0x100, data, t_s).status.accepted
+        data = protect("SequencerSetpoints", (0xFFF << 12).to_bytes(8, "little"), counter)
+        assert board.receive(0x110, data, t_s).status.accepted
+        decision = board.tick(t_s, (-1e3,) * 4)
+        assert (decision.safe, decision.main_supply_open) == (True, False)
+        assert decision.mode is not BoardMode.ARMED
+
+
+def test_the_adapter_says_what_the_board_in_c_cannot_do(c_library: ctypes.CDLL) -> None:
+    with pytest.raises(LimitsError, match="challenge_seed = 0 must be from 1 to 65535"):
+        CBoardRules(LIMITS[0], challenge_seed=0, library=c_library)
+    with pytest.raises(LimitsError, match="window_frames = 33 must be at most 32"):
+        CBoardRules(BoardLimits(200e3, 250e3, reception=ReceptionLimits(window_frames=33)), library=c_library)
+    with pytest.raises(LimitsError, match="major number must be from 0 to 15"):
+        CBoardRules(LIMITS[0], version=(16, 0, 0), library=c_library)
+
+
+# ---------------------------------------------------------------------- what only a C caller can get wrong
+
+
+def test_what_is_no_reason_to_latch_counts_as_an_internal_error(c_library: ctypes.CDLL) -> None:
+    for reason in (0, 1, 16, 1 << 31):
+        board = CBoardRules(LIMITS[0], library=c_library)
+        c_library.softbot_board_report_failure(board.board, ctypes.c_uint(reason), ctypes.c_uint16(9))
+        assert (board.state.mode, board.state.reason) == (BoardMode.SAFE_LATCHED, SafeReason.INTERNAL_ERROR)
+        assert board.faults_to_send[0].detail == 9
+
+
+def test_what_is_no_bus_state_counts_as_bus_off(c_library: ctypes.CDLL) -> None:
+    board = CBoardRules(LIMITS[0], library=c_library)
+    c_library.softbot_board_report_bus(board.board, ctypes.c_uint(77), ctypes.c_uint8(0), ctypes.c_uint8(0))
+    assert (board.state.bus_state, board.state.reason) == (BusState.BUS_OFF, SafeReason.BUS_OFF)
+
+
+def test_when_no_fault_is_sent_the_last_eight_are_kept(boards: tuple[BoardRules, CBoardRules]) -> None:
+    disarm, stop = {"Mode": 0, "ArmToken": 0, "DbcHash": dbc_hash()}, "EmergencyStop"
+    for board in boards:
+        peer = Sender()
+        for number in range(11):
+            board.tick(0.0, (0.0,) * 4)
+            assert board.receive(*peer.send("SequencerControl", disarm), 0.0).status.accepted
+            board.receive(*peer.send(stop, {"Reason": (0, 1, 2, 3, 15)[number % 5]}), 0.0)
+    ours, theirs = boards
+    assert theirs.faults_to_send == tuple(ours.faults_to_send)
+    assert [fault.detail for fault in theirs.faults_to_send] == [3, 15, 0, 1, 2, 3, 15, 0]
+    for cycle in range(60):
+        assert theirs.outgoing(cycle / 100) == ours.outgoing(cycle / 100)
+    assert theirs.faults_to_send == ()
+
+
+def test_a_measurement_that_the_message_cannot_carry_is_left_out_and_takes_no_counter(c_library: ctypes.CDLL) -> None:
+    board = CBoardRules(LIMITS[0], library=c_library)
+    frames, physical = (ctypes.c_uint8 * 66)(), (ctypes.c_double * 15)()
+    for now_us, is_open, sent in ((0, 2, 4), (10_000, 1, 5), (20_000, 255, 4), (30_000, 0, 5)):
+        count = c_library.softbot_host_measurements(
+            board.board, ctypes.c_uint64(now_us), physical, ctypes.c_uint8(is_open), frames
+        )
+        assert count == sent
+    assert frames[11 + 4] & 0x0F == 1  # the second BoardValves that went out
