@@ -31,6 +31,12 @@ bench: $(READY) ## run time against error
 c-reference: $(READY) ## write the C reference for firmware into build/c-reference
 	$(BIN)/python -m firmware_protocol.c_reference build/c-reference
 
+c-coverage: $(READY) ## lines and branches of the C reference that its tests run: all, or it fails (needs gcc)
+	rm -rf build/c-coverage && mkdir -p build/c-coverage
+	C_REFERENCE_OPTIONS='-O0 --coverage' C_REFERENCE_FOLDER=$(CURDIR)/build/c-coverage CC=gcc \
+	  $(BIN)/python -m pytest tests/firmware_protocol/c
+	$(BIN)/python .ci/c_coverage.py build/c-coverage
+
 lock: ## write requirements.lock anew from pyproject.toml (needs uv)
 	@PATH="$(BIN):$$PATH"; command -v uv >/dev/null || { echo 'make lock needs uv: $(BIN)/pip install uv' >&2; exit 1; }
 	PATH="$(BIN):$$PATH" uv pip compile pyproject.toml --output-file requirements.lock --extra dev --universal \
@@ -44,4 +50,4 @@ clean: ## remove what make made: .venv, caches, coverage (runs/ stays)
 $(READY): requirements.lock pyproject.toml .ci/set_up.sh
 	@.ci/set_up.sh $(READY)
 
-.PHONY: help demo test check slow stress bench c-reference lock clean
+.PHONY: help demo test check slow stress bench c-reference c-coverage lock clean

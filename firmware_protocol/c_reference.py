@@ -19,6 +19,7 @@ from importlib import resources
 from pathlib import Path
 
 from firmware_protocol.c_codec import c_codec
+from firmware_protocol.c_parameter_table import c_parameter_table
 from firmware_protocol.errors import CompilerError
 from firmware_protocol.spec import spec
 
@@ -33,7 +34,7 @@ def write_c_reference(folder: Path) -> list[Path]:
 
     Raises CompilerError when the folder cannot be written.
     """
-    texts = c_codec(spec())
+    texts = c_codec(spec()) | c_parameter_table()
     for source in (resources.files("firmware_protocol") / "c").iterdir():
         if source.name.endswith((".c", ".h")):
             texts[source.name] = source.read_text(encoding="utf-8")
@@ -81,13 +82,27 @@ def compile_c(
     return output
 
 
+def compile_c_reference(
+    folder: Path,
+    options: Sequence[str] = ("-O2",),
+    more_sources: Sequence[Path] = (),
+    compiler: Sequence[str] | None = None,
+) -> Path:
+    """Writes the reference into `folder`, compiles it there with its host side, and returns the shared library.
+
+    The host side, `c/host`, is what a process on this machine calls; `more_sources` are compiled with it.
+    """
+    sources = [path for path in write_c_reference(folder) if path.suffix == ".c"]
+    host = resources.files("firmware_protocol") / "c" / "host" / "softbot_host.c"
+    (folder / host.name).write_text(host.read_text(encoding="utf-8"), encoding="utf-8")
+    sources += [folder / host.name, *more_sources]
+    return compile_c(sources, folder / "softbot.so", (*options, "-fPIC", "-shared", f"-I{folder}"), compiler)
+
+
 def load_c_reference() -> ctypes.CDLL:
     """The reference compiled for this machine and loaded. Raises CompilerError."""
-    with tempfile.TemporaryDirectory(prefix="softbot-c-") as name:
-        folder = Path(name)
-        sources = [each for each in write_c_reference(folder) if each.suffix == ".c"]
-        library = compile_c(sources, folder / "softbot.so", ("-O2", "-fPIC", "-shared"))
-        return ctypes.CDLL(str(library))  # stays mapped when its file is gone
+    with tempfile.TemporaryDirectory(prefix="softbot-c-") as folder:
+        return ctypes.CDLL(str(compile_c_reference(Path(folder))))  # stays mapped when its file is gone
 
 
 def main(arguments: Sequence[str]) -> int:

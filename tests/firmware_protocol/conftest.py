@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import pytest
 
 from firmware_protocol.arming import arm_token
 from firmware_protocol.board import VENTED, BoardDecision, BoardLimits, BoardRules
+from firmware_protocol.c_board import CBoardRules
 from firmware_protocol.codec import dbc_hash, decode
 from firmware_protocol.e2e import FrameStatus, Sender
 from firmware_protocol.enumerations import BoardMode, ControlMode, Health, SafeReason
@@ -21,8 +23,13 @@ CYCLE_S = 0.01
 class Bench:
     """A board with a peer whose every frame the test decides."""
 
-    def __init__(self, limits: BoardLimits = LIMITS) -> None:
-        self.rules = BoardRules(limits)
+    def __init__(
+        self,
+        limits: BoardLimits = LIMITS,
+        version: tuple[int, int, int] = (0, 1, 0),
+        make_rules: type[BoardRules] | type[CBoardRules] = BoardRules,
+    ) -> None:
+        self.rules = make_rules(limits, version=version)
         self.peer = Sender()
         self.t_s = 0.0
         self.measured_Pa: Sequence[float] = REST
@@ -109,7 +116,13 @@ class Bench:
             assert self.tick() == decision
 
 
-@pytest.fixture(scope="session")
-def new_bench() -> Callable[..., Bench]:
-    """Makes a bench; `Bench(limits)`."""
-    return Bench
+@pytest.fixture(scope="session", params=[BoardRules, CBoardRules], ids=["python", "c"])
+def new_bench(request: pytest.FixtureRequest) -> Callable[..., Bench]:
+    """Makes a bench; `Bench(limits, version)`. Once with the board in Python and once with the board in C."""
+    return partial(Bench, make_rules=request.param)
+
+
+@pytest.fixture
+def python_bench() -> Bench:
+    """A bench for what only the board in Python does."""
+    return Bench()

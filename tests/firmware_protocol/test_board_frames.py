@@ -17,8 +17,7 @@ REST = (0.0, 0.0, 0.0, 0.0)
 
 
 def test_heartbeat_and_boot_tell_mode_reason_challenge_version_and_hash(new_bench: NewBench) -> None:
-    bench = new_bench()
-    bench.rules.version = (1, 2, 3)
+    bench = new_bench(version=(1, 2, 3))
     frames = dict(decode(*frame) for frame in bench.rules.outgoing(0.0))
     assert frames["BoardHeartbeat"]["SafeReason"] == SafeReason.POWER_UP
     boot = frames["BoardBoot"]
@@ -116,7 +115,19 @@ def test_a_message_with_a_value_that_is_not_finite_is_left_out(new_bench: NewBen
         "BoardSupply",
         "ImuAccelerometer",
     ]
-    assert "ImuGyro.X = nan is not a finite number" in bench.rules.state.last_error
+
+
+def test_the_board_in_python_remembers_why_a_message_was_left_out(python_bench: Any) -> None:
+    python_bench.rules.measurements(
+        0.0,
+        pressures_Pa=REST,
+        openings=REST,
+        supply_pressure_Pa=0.0,
+        main_supply_open=False,
+        angular_velocity_rad_s=(math.nan, 0.0, 0.0),
+        specific_force_m_s2=(0.0, 0.0, 0.0),
+    )
+    assert "ImuGyro.X = nan is not a finite number" in python_bench.rules.state.last_error
 
 
 def test_an_exception_while_sending_ends_in_the_safe_state(new_bench: NewBench) -> None:
@@ -132,8 +143,10 @@ def test_an_exception_while_sending_ends_in_the_safe_state(new_bench: NewBench) 
     )
     assert frames == []
     bench.assert_latched(SafeReason.INTERNAL_ERROR)
-    bench.measured_Pa = REST
-    bench.running()
+
+
+def test_a_message_that_cannot_be_encoded_ends_in_the_safe_state(python_bench: Any) -> None:
+    bench = python_bench.running()
     bench.rules.version = (99, 0, 0)  # no room for it in its four bits
     assert bench.rules.outgoing(bench.t_s) == []
     bench.assert_latched(SafeReason.INTERNAL_ERROR)

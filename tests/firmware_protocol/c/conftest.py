@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from firmware_protocol.c_codec import c_type, payload, snake_case, to_physical_name, to_raw_name
-from firmware_protocol.c_reference import compile_c, write_c_reference
+from firmware_protocol.c_reference import compile_c_reference
 from firmware_protocol.spec import MessageSpec, spec
 
 Ints = NDArray[np.int64]
 Doubles = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+REPLAY = Path(__file__).parent / "replay.c"
 
 
 class CCodec:
@@ -31,6 +33,12 @@ class CCodec:
         """Frames [n, 8], protected with the row modulo 16 as counter, and which rows were accepted [n]."""
         frames, accepted = np.zeros((len(whole), 8), np.uint8), np.zeros(len(whole), np.uint8)
         self._call(f"batch_encode_{message.name}", len(whole), whole, physical, frames, accepted)
+        return frames, accepted
+
+    def pack(self, message: MessageSpec, raw: Ints) -> tuple[Bytes, Bytes]:
+        """Frames [n, 8] without protection of raw counts, and which rows were accepted [n]."""
+        frames, accepted = np.zeros((len(raw), 8), np.uint8), np.zeros(len(raw), np.uint8)
+        self._call(f"batch_pack_{message.name}", len(raw), raw, frames, accepted)
         return frames, accepted
 
     def decode(self, message: MessageSpec, frames: Bytes) -> tuple[Ints, Doubles, Bytes, Bytes]:
@@ -62,8 +70,15 @@ def _batch_of(message: MessageSpec) -> list[str]:
         "uint8_t *accepted)",
         f"void batch_decode_{message.name}(size_t rows, const uint8_t *frames, int64_t *whole, double *physical, "
         "uint8_t *accepted, uint8_t *protected)",
+        f"void batch_pack_{message.name}(size_t rows, const int64_t *raw, uint8_t *frames, uint8_t *accepted)",
     ]
     lines = [f"{each};" for each in prototypes]
+    lines += [prototypes[2], "{", "    for (size_t row = 0; row < rows; row++) {"]
+    lines += [f"        softbot_signals_t signals = {{.index = {index}}};"]
+    for column, signal in signals:
+        at, field = f"row * {len(signals)} + {column}", f"signals.{member}.{snake_case(signal.name)}"
+        lines.append(f"        {field} = ({c_type(signal)})raw[{at}];")
+    lines += ["        accepted[row] = softbot_pack(&signals, &frames[8 * row]);", "    }", "}"]
     unused = ["    (void)whole;", "    (void)physical;"]  # a message may have none of the one or of the other
     lines += [prototypes[0], "{", *unused, "    for (size_t row = 0; row < rows; row++) {"]
     lines += [f"        softbot_signals_t signals = {{.index = {index}}};", "        bool good = true;"]
@@ -98,15 +113,21 @@ def _batch_of(message: MessageSpec) -> list[str]:
     return [*lines, "    }", "}", ""]
 
 
-def build_tested_library(folder: Path, options: tuple[str, ...] = ("-O2",)) -> Path:
-    """The reference and the functions above as one shared library in `folder`."""
-    sources = [each for each in write_c_reference(folder) if each.suffix == ".c"]
-    batch = folder / "batch.c"
-    batch.write_text(batch_source(), encoding="utf-8")
-    return compile_c([*sources, batch], folder / "tested.so", (*options, "-fPIC", "-shared"))
+@pytest.fixture(scope="session")
+def c_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The reference with the functions above, compiled for this machine.
+
+    C_REFERENCE_OPTIONS in the environment stands in place of -O2 (sanitizers, coverage), and C_REFERENCE_FOLDER in
+    place of a temporary folder, which has to be there and empty.
+    """
+    named = os.environ.get("C_REFERENCE_FOLDER")
+    folder = Path(named) if named else tmp_path_factory.mktemp("c")
+    (folder / "batch.c").write_text(batch_source(), encoding="utf-8")
+    options = os.environ.get("C_REFERENCE_OPTIONS", "-O2").split()
+    return ctypes.CDLL(str(compile_c_reference(folder, options, [folder / "batch.c", REPLAY])))
 
 
 @pytest.fixture(scope="session")
-def c_codec(tmp_path_factory: pytest.TempPathFactory) -> CCodec:
-    """The C codec and protection, compiled for this machine."""
-    return CCodec(ctypes.CDLL(str(build_tested_library(tmp_path_factory.mktemp("c")))))
+def c_codec(c_library: ctypes.CDLL) -> CCodec:
+    """The C codec and protection."""
+    return CCodec(c_library)

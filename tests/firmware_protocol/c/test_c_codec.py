@@ -154,6 +154,33 @@ def test_every_count_of_a_signal_decodes_to_the_same_value(
     assert assert_decoded_alike(c_codec, message, kept) > 0
 
 
+@pytest.mark.parametrize("message", MESSAGES, ids=NAMES)
+def test_raw_counts_are_checked_saturated_and_placed(c_codec: Any, message: MessageSpec) -> None:
+    random = np.random.default_rng(message.frame_id)
+    signals = payload(message)
+    raw = np.stack([random_whole(random, signal, 4000) for signal in signals], axis=1)
+    for column, signal in enumerate(signals):  # each signal alone beyond its ends, and at the ends of its C type
+        bits = type_bits(signal)
+        least, most = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signal.signed else (0, (1 << bits) - 1)
+        ends = (signal.raw_minimum - 1, signal.raw_maximum + 1, least, most)
+        for row, value in enumerate(ends):
+            each = 8 * column + row
+            raw[each] = [max(0, other.raw_minimum) for other in signals]
+            raw[each, column] = min(max(value, least), most)
+    frames, accepted = c_codec.pack(message, np.ascontiguousarray(raw))
+    for row, values in enumerate(raw.tolist()):
+        word, allowed = 0, True
+        for signal, value in zip(signals, values, strict=True):
+            if signal.kind is SignalKind.SATURATED_NUMBER:
+                value = min(max(value, signal.raw_minimum), signal.raw_maximum)
+            elif signal.kind is SignalKind.ENUMERATION:
+                allowed &= value in signal.choices
+            allowed &= signal.raw_minimum <= value <= signal.raw_maximum
+            word |= (value & (1 << signal.length) - 1) << signal.start
+        assert bool(accepted[row]) is allowed
+        assert frames[row].tobytes() == (word if allowed else 0).to_bytes(8, "little")
+
+
 def test_ties_go_to_the_even_count_and_the_slack_ends_where_pythons_does(c_codec: Any) -> None:
     message, signal = (
         message_spec("ImuGyro"),
