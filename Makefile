@@ -22,9 +22,9 @@ check: $(READY) ## format, lint, types
 slow: $(READY) ## end-to-end and accuracy tests of minutes
 	$(BIN)/python -m pytest -n 2 -m slow --durations=5
 
-# Compiled beforehand: inside a User-Mode Linux the processor is one, and the time is the wall's.
+# What they run is compiled beforehand: in a kernel of their own the one processor would be at it for minutes.
 test-vcan: $(READY) ## hardware in the loop on a real vcan, in a kernel of its own where this one has none
-	$(BIN)/python -m pytest tests/hil -p no:cacheprovider -x
+	$(BIN)/python tests/hil/compile_beforehand.py
 	.ci/vcan.sh $(BIN)/python -m pytest tests/hil -m vcan -p no:cacheprovider --durations=5
 
 stress: $(READY) ## long campaigns

@@ -48,6 +48,8 @@ class FixedRate:
         self._start_s = clock()
         self._deadline = 0  # number of the next one
         self._woke_s: float | None = None
+        self.missed_now = 0
+        """Deadlines that the last `wait` left out."""
         self._missed, self._busy_s = 0, 0.0
         self._lateness = Durations()
 
@@ -62,6 +64,7 @@ class FixedRate:
             now_s = self._clock()
         late_s = now_s - deadline_s
         behind = int(late_s / self._period_s)
+        self.missed_now = behind
         self._missed += behind
         self._deadline += behind + 1
         self._lateness.add(late_s)

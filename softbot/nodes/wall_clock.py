@@ -43,6 +43,10 @@ if TYPE_CHECKING:
 
 VENTING_S = 0.3
 """How long the plant goes on, vented, after it was told to stop."""
+OUTPUT_WATCHDOG_S = 0.1
+"""A board that does not serve its valves for so long loses them: they fall into their safe state by themselves."""
+LONGEST_CATCH_UP = 100
+"""Periods that the robot moves on at once when its process was held up; of a longer stop the rest did not happen."""
 BUS_LOST_S = 2.0
 """How long the plant, vented, waits for a bus that failed."""
 DISARMING_S = 0.1
@@ -123,39 +127,33 @@ def run_plant(
         node = PlantNode(scene, twin, recorder, gains)
         trace = stack.enter_context(TraceWriter(run_dir / BUS_LOG)) if run_dir is not None else None
         tell_granted(stack.enter_context(real_time(urgent)), tell)
-        outcome, failure = "done", None
+        outcome = "done"
+        failure: SimulationError | None = None
+        lost: LostBus | None = None
         end = BusEnd(bus, "SequencerSetpoints", trace)
         last = samples_of(scene)
         done = 0
-        lost: tuple[float, SimulationError] | None = None
         while done < last:
             if stop.is_set() and outcome == "done":
                 outcome, last = "interrupted", min(last, done + round(VENTING_S / CONTROL_PERIOD_S))
                 node.vent()
             t_s = end.loop.wait()
             try:
-                end.exchange(t_s, node.cycle)
-                lost = None
-            except BusError as error:  # the robot vents, and the bus may come back
-                node.vent(SafeReason.BUS_OFF)
-                node.cycle(t_s, ())
-                if lost is None:
-                    lost = t_s, SimulationError(f"the bus failed at t = {node.plant.t_s:.2f} s: {error}")
-                if t_s - lost[0] >= BUS_LOST_S or done + 1 == last:
-                    failure = lost[1]
-            watch(node)
-            try:
+                done += catch_up(node, min(end.loop.missed_now, last - 1 - done))
+                lost = exchange_or_vent(end, node, t_s, lost)
+                watch(node)
                 node.advance()
             except SimulationError as error:
                 failure = error
-            if failure is not None:
-                outcome = f"failed: {failure}"
                 break
             done += 1
             recorder.events.detections = list(node.heard.detections)
             recorder.events.recoveries = list(node.heard.recoveries)
             progress(node.plant.t_s)
             end.answer(asked, tell)
+        failure = failure or (None if lost is None else lost.failure)
+        if failure is not None:
+            outcome = f"failed: {failure}"
         result = RunResult(*recorder.finish(done * steps_per_period(twin.step_s), done * CONTROL_PERIOD_S, outcome))
         if failure is not None:
             raise failure
@@ -208,6 +206,42 @@ def run_sequencer(
         if node.failure is not None:
             raise SimulationError(f"the sequencer failed: {node.failure}") from node.failure
         return SequencerRun(node.state, link_failure, tuple(node.detections), tuple(node.recoveries), end.timing())
+
+
+@dataclass(frozen=True)
+class LostBus:
+    """A bus that failed at `since_s`, and how the run ends if it does not come back."""
+
+    since_s: float
+    failure: SimulationError
+
+
+def exchange_or_vent(end: BusEnd, node: PlantNode, t_s: float, lost: LostBus | None) -> LostBus | None:
+    """The board's cycle on the bus; on one that fails, with the robot vented. Raises SimulationError in the end."""
+    try:
+        end.exchange(t_s, node.cycle)
+    except BusError as error:
+        node.vent(SafeReason.BUS_OFF)
+        node.cycle(t_s, ())
+        if lost is None:
+            lost = LostBus(t_s, SimulationError(f"the bus failed at t = {node.plant.t_s:.2f} s: {error}"))
+        if t_s - lost.since_s >= BUS_LOST_S:
+            raise lost.failure from error
+        return lost
+    return None
+
+
+def catch_up(node: PlantNode, periods: int) -> int:
+    """The robot moves on for the periods in which the board was held up; the number of them that were played.
+
+    Its valves stand as they stood until the watchdog of their driver lets them fall into their safe state.
+    """
+    played = min(periods, LONGEST_CATCH_UP)
+    for period in range(played):
+        if period == round(OUTPUT_WATCHDOG_S / CONTROL_PERIOD_S):
+            node.release_valves()
+        node.advance()
+    return played
 
 
 class BusEnd:
