@@ -1,4 +1,4 @@
-"""Compile what the tests of this folder run, and design the pressure loop that they use: both are then found on disk."""
+"""Compile what the tests of this folder run, and design the pressure loop they use: both are then found on disk."""
 
 from __future__ import annotations
 
