@@ -22,6 +22,11 @@ check: $(READY) ## format, lint, types
 slow: $(READY) ## end-to-end and accuracy tests of minutes
 	$(BIN)/python -m pytest -n 2 -m slow --durations=5
 
+# What they run is compiled beforehand: in a kernel of their own the one processor would be at it for minutes.
+test-vcan: $(READY) ## hardware in the loop on a real vcan, in a kernel of its own where this one has none
+	$(BIN)/python tests/hil/compile_beforehand.py
+	.ci/vcan.sh $(BIN)/python -m pytest tests/hil -m vcan -p no:cacheprovider --durations=5
+
 stress: $(READY) ## long campaigns
 	$(BIN)/python -m pytest -n 2 -m stress
 
@@ -50,4 +55,4 @@ clean: ## remove what make made: .venv, caches, coverage (runs/ stays)
 $(READY): requirements.lock pyproject.toml .ci/set_up.sh
 	@.ci/set_up.sh $(READY)
 
-.PHONY: help demo test check slow stress bench c-reference c-coverage lock clean
+.PHONY: help demo test test-vcan check slow stress bench c-reference c-coverage lock clean

@@ -45,7 +45,7 @@ def draw(
     """
     if stiffnesses < 2 or not 0.0 < lowest_N_m2 < highest_N_m2:
         raise InputError(
-            f"stiffnesses = {stiffnesses}, {lowest_N_m2:g} to {highest_N_m2:g} N m²: take at least 2 over a rising range"
+            f"stiffnesses = {stiffnesses}, {lowest_N_m2:g} to {highest_N_m2:g} N m²: take at least 2, rising"
         )
     stiffness_N_m2 = np.geomspace(lowest_N_m2, highest_N_m2, stiffnesses)
     steps_s = [one for one in sorted(STEPS_S) if one >= 0.999 * shortest_step_s]

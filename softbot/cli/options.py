@@ -23,3 +23,6 @@ Gui = Annotated[bool, typer.Option("--gui", help="Show PyBullet's window (segmen
 WallClock = Annotated[bool, typer.Option("--wall-clock", help="Not faster than real time, for watching.")]
 Interface = Annotated[str, typer.Option(help="python-can's name of the bus: socketcan, virtual, pcan, …")]
 Channel = Annotated[str, typer.Option(help="Channel of the bus, as python-can names it.")]
+Urgent = Annotated[
+    bool, typer.Option("--real-time", help="Ask for real-time priority and for memory that is not swapped out.")
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from softbot.cli.options import Assignments, Channel, Gui, Interface, Json, Out, SceneFile
+from softbot.cli.options import Assignments, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
 
 
 def plant(
@@ -13,30 +13,46 @@ def plant(
     assignments: Assignments = None,
     json: Json = False,
     gui: Gui = False,
+    real_time: Urgent = False,
 ) -> None:
     """Be the plant on a CAN bus.
 
-    For the duration of the scene or until stopped; Ctrl-C vents the robot and closes the files.
+    For the duration of the scene or until stopped; Ctrl-C vents the robot and closes the files. SIGUSR1 makes it say
+    how it keeps time.
     """
     import contextlib
-
-    import typer
 
     from sim.scene import load_scene
     from softbot.cli.perform import import_twin, kept, print_outcome
     from softbot.cli.run_folder import open_run_folder
-    from softbot.cli.streams import nothing_printed, progress_bar
+    from softbot.cli.streams import nothing_printed, progress_bar, say
 
     checked = load_scene(scene, tuple(assignments or ()))
     folder = open_run_folder(f"{checked.name}-plant", out)
     import_twin(checked)
     with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
-        from softbot.nodes.wall_clock import run_plant, stopped_by_signals
+        from softbot.nodes.wall_clock import asked_by_signal, run_plant, stopped_by_signals
         from softbot.report import write_report
 
         title = f"plant on {interface} {channel}"
-        with kept(folder), stopped_by_signals() as stop, progress_bar(title, checked.solver.duration_s) as show:
-            run = run_plant(checked, interface, channel, folder, stop=stop, progress=show, gui=gui)
+        with (
+            kept(folder),
+            stopped_by_signals() as stop,
+            asked_by_signal() as asked,
+            progress_bar(title, checked.solver.duration_s) as show,
+        ):
+            run = run_plant(
+                checked,
+                interface,
+                channel,
+                folder,
+                stop=stop,
+                progress=show,
+                gui=gui,
+                urgent=real_time,
+                asked=asked,
+                tell=say,
+            )
         write_report(folder)
-    typer.echo(f"softbot: {run.timing}", err=True)
+    say(str(run.timing))
     print_outcome(folder, json=json)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softbot.cli.options import Assignments, Channel, Interface, Json, SceneFile
+from softbot.cli.options import Assignments, Channel, Interface, Json, SceneFile, Urgent
 
 if TYPE_CHECKING:
     from softbot.nodes.sequencer_node import SequencerNode
@@ -21,28 +21,39 @@ def sequence(
         float | None, typer.Option("--duration-s", help="Stop after this time; default: until stopped.")
     ] = None,
     json: Json = False,
+    real_time: Urgent = False,
 ) -> None:
     """Be the sequencer on a CAN bus.
 
     Takes robot and orders from the scene, and goes on until stopped; Ctrl-C disarms the board. Says on standard
-    error what it does. Exit status 3 when the board vents or falls silent while it is armed.
+    error what it does, and at SIGUSR1 how it keeps time. Exit status 3 when the board vents or falls silent while it is
+    armed.
     """
     import json as json_format
     import math
 
     from firmware_protocol.sequencer_link import LinkFailure
     from sim.scene import load_scene
+    from softbot.cli.streams import say
     from softbot.errors import InputError, SimulationError
-    from softbot.nodes.wall_clock import run_sequencer, sequencer_report, stopped_by_signals
+    from softbot.nodes.wall_clock import asked_by_signal, run_sequencer, sequencer_report, stopped_by_signals
 
     if duration_s is not None and not 0.0 < duration_s < math.inf:
         raise InputError(f"--duration-s {duration_s:g}: give a positive number of seconds")
     checked = load_scene(scene, tuple(assignments or ()))
-    with stopped_by_signals() as stop:
+    with stopped_by_signals() as stop, asked_by_signal() as asked:
         run = run_sequencer(
-            checked, interface, channel, stop=stop, duration_s=duration_s, report=Narrator(f"{interface} {channel}")
+            checked,
+            interface,
+            channel,
+            stop=stop,
+            duration_s=duration_s,
+            report=Narrator(f"{interface} {channel}"),
+            urgent=real_time,
+            asked=asked,
+            tell=say,
         )
-    typer.echo(f"softbot: {run.timing}", err=True)
+    say(str(run.timing))
     if json:
         typer.echo(json_format.dumps(sequencer_report(run)))
     if run.link_failure is not LinkFailure.NONE:

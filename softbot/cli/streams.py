@@ -40,6 +40,14 @@ def nothing_printed(quiet: bool = True) -> Iterator[None]:
         os.close(nowhere)
 
 
+def say(text: str) -> None:
+    """Lines on standard error, each with the program's name."""
+    import typer
+
+    for line in text.splitlines():
+        typer.echo(f"softbot: {line}", err=True)
+
+
 def messages() -> Console:
     """The console for progress, on standard error; silent when that is no terminal."""
     from rich.console import Console

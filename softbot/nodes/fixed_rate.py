@@ -10,8 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-_BIN_S = 1e-4
-_BINS = 500
+from softbot.nodes.durations import Durations
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,10 @@ class FixedRate:
         self._start_s = clock()
         self._deadline = 0  # number of the next one
         self._woke_s: float | None = None
-        self._cycles, self._missed = 0, 0
-        self._late_s, self._worst_s, self._busy_s = 0.0, 0.0, 0.0
-        self._histogram = [0] * (_BINS + 1)
+        self.missed_now = 0
+        """Deadlines that the last `wait` left out."""
+        self._missed, self._busy_s = 0, 0.0
+        self._lateness = Durations()
 
     def wait(self) -> float:
         """Sleep until the next deadline; the time since the start [s]."""
@@ -64,33 +64,22 @@ class FixedRate:
             now_s = self._clock()
         late_s = now_s - deadline_s
         behind = int(late_s / self._period_s)
+        self.missed_now = behind
         self._missed += behind
         self._deadline += behind + 1
-        self._cycles += 1
-        self._late_s += late_s
-        self._worst_s = max(self._worst_s, late_s)
-        self._histogram[min(int(late_s / _BIN_S), _BINS)] += 1
+        self._lateness.add(late_s)
         self._woke_s = now_s
         return now_s - self._start_s
 
     def timing(self) -> LoopTiming:
         """What was measured so far."""
-        cycles = max(self._cycles, 1)
         elapsed_s = self._deadline * self._period_s
         return LoopTiming(
             period_s=self._period_s,
-            cycles=self._cycles,
+            cycles=self._lateness.count,
             missed_deadlines=self._missed,
-            mean_lateness_s=self._late_s / cycles,
-            p99_lateness_s=min(self._percentile_s(0.99), self._worst_s),
-            max_lateness_s=self._worst_s,
+            mean_lateness_s=self._lateness.mean_s,
+            p99_lateness_s=self._lateness.percentile_s(0.99),
+            max_lateness_s=self._lateness.max_s,
             load=min(self._busy_s / elapsed_s, 1.0) if elapsed_s > 0.0 else 0.0,
         )
-
-    def _percentile_s(self, share: float) -> float:
-        wanted, seen = share * self._cycles, 0
-        for number, count in enumerate(self._histogram[:_BINS]):
-            seen += count
-            if seen >= wanted:
-                return (number + 1) * _BIN_S
-        return _BINS * _BIN_S

@@ -102,6 +102,15 @@ class PlantNode:
             state=str(self.heard.state),
         )
 
+    @property
+    def valves(self) -> tuple[FloatArray, bool]:
+        """Openings (4,), −1 exhaust … +1 supply, and whether the main supply is open, as the last cycle left them."""
+        return self._opening, self._main_supply_open
+
+    def release_valves(self) -> None:
+        """The valves fall into their safe state, until the board's next cycle sets them again."""
+        self._opening, self._main_supply_open = _VENTING, False
+
     def vent(self, reason: SafeReason = SafeReason.EMERGENCY_STOP) -> None:
         """Latch the safe state: the plant is being shut down."""
         self.rules.report_failure(reason)

@@ -89,18 +89,15 @@ class SequencerNode:
         return self.link.failure if self.was_armed else LinkFailure.NONE
 
     def cycle(self, t_s: float, frames: Iterable[Frame]) -> list[Frame]:
-        """One control cycle at `t_s`: what came since the last one in, what is due out."""
-        whole = False
+        """One control cycle at `t_s`: what came since the last one in, what is due out.
+
+        The sequencer is updated with each whole sampling that came, in order.
+        """
         for frame in frames:
             received = self.link.receive(frame.frame_id, frame.data, t_s)
-            whole = whole or (received.status.accepted and received.name == LAST_MEASUREMENT)
-        readings = self._readings(t_s) if whole else None
-        if readings is not None and self.failure is None:
-            try:
-                self._control(t_s, readings)
-            except Exception as error:  # whatever it is, the robot must not go on with old setpoints
-                self.failure = error
-                self.link.emergency_stop(EmergencyReason.INTERNAL_ERROR)
+            if received.status.accepted and received.name == LAST_MEASUREMENT:
+                # At once: what comes after it may be half of the next sampling, and two samplings may come together.
+                self._control_with(self._readings(t_s), t_s)
         self._arm_or_disarm(t_s)
         state = enumerations.SequencerState[self._output.state.name]
         return self.link.outgoing(t_s, self._output.setpoint_Pa.tolist(), state, self._health())
@@ -109,6 +106,15 @@ class SequencerNode:
         """Vent and disarm, for good: the process is about to end."""
         self._stopped = True
         self.link.disarm()
+
+    def _control_with(self, readings: Readings | None, t_s: float) -> None:
+        if readings is None or self.failure is not None:
+            return
+        try:
+            self._control(t_s, readings)
+        except Exception as error:  # whatever it is, the robot must not go on with old setpoints
+            self.failure = error
+            self.link.emergency_stop(EmergencyReason.INTERNAL_ERROR)
 
     def _control(self, t_s: float, readings: Readings) -> None:
         if self._heard_since_s is None:

@@ -21,17 +21,21 @@ from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol.bus import drain, opened, send
 from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import BusError
+from firmware_protocol.frame import Frame
 from firmware_protocol.sequencer_link import LinkFailure
 from firmware_protocol.trace import TraceWriter
 from sim.recorder import Recorder, samples_of
 from sim.run import Progress, RunResult, quiet
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin, steps_per_period
-from softbot.errors import SimulationError
+from softbot.errors import InputError, SimulationError
 from softbot.nodes.fixed_rate import FixedRate, LoopTiming
 from softbot.nodes.lockstep import BUS_LOG
+from softbot.nodes.message_meter import MessageMeter, MessageTiming
 from softbot.nodes.plant_node import PlantNode, board_limits
-from softbot.nodes.sequencer_node import ChamberSequencer, SequencerNode
+from softbot.nodes.real_time import Granted, real_time
+from softbot.nodes.rehearsal import rehearse_plant, rehearse_sequencer
+from softbot.nodes.sequencer_node import LAST_MEASUREMENT, ChamberSequencer, SequencerNode
 from softbot.nodes.warm_up import warm_up
 
 if TYPE_CHECKING:
@@ -39,27 +43,51 @@ if TYPE_CHECKING:
 
 VENTING_S = 0.3
 """How long the plant goes on, vented, after it was told to stop."""
+OUTPUT_WATCHDOG_S = 0.1
+"""A board that does not serve its valves for so long loses them: they fall into their safe state by themselves."""
+LONGEST_CATCH_UP = 100
+"""Periods that the robot moves on at once when its process was held up; of a longer stop the rest did not happen."""
+BUS_LOST_S = 2.0
+"""How long the plant, vented, waits for a bus that failed."""
 DISARMING_S = 0.1
 """How long the sequencer says disarm before it falls silent: five frames of it."""
 
 
+def silent(_sentence: str) -> None:
+    """Nobody is told."""
+
+
+@dataclass(frozen=True)
+class RealTime:
+    """How a node kept time: its loop, and the message that it answers, from its arrival to the answer.
+
+    The plant answers setpoints by its valves, the sequencer measurements by setpoints.
+    """
+
+    loop: LoopTiming
+    link: MessageTiming
+
+    def __str__(self) -> str:
+        return f"{self.loop}\n{self.link}"
+
+
 @dataclass(frozen=True)
 class PlantRun:
-    """A plant's recording, and how its loop kept time."""
+    """A plant's recording, and how it kept time."""
 
     result: RunResult
-    timing: LoopTiming
+    timing: RealTime
 
 
 @dataclass(frozen=True)
 class SequencerRun:
-    """What a sequencer found and did, and how its loop kept time. `link_failure`: why it ended, NONE if stopped."""
+    """What a sequencer found and did, and how it kept time. `link_failure`: why it ended, NONE if stopped."""
 
     state: SequencerState
     link_failure: LinkFailure
     detections: tuple[Detection, ...]
     recoveries: tuple[Recovery, ...]
-    timing: LoopTiming
+    timing: RealTime
 
 
 def run_plant(
@@ -72,50 +100,64 @@ def run_plant(
     progress: Progress = quiet,
     gui: bool = False,
     gains: PressureLoopGains | None = None,
+    urgent: bool = False,
+    asked: threading.Event | None = None,
+    tell: Callable[[str], None] = silent,
+    watch: Callable[[PlantNode], None] = lambda node: None,
 ) -> PlantRun:
     """Valve board and robot on a bus, for the scene's duration or until `stop` is set.
 
-    Records what the plant alone can know: the truth of the robot, and of the sequencer what it said on the bus.
+    Records what the plant alone can know: the truth of the robot, and of the sequencer what it said on the bus. When
+    the bus fails (link down, bus-off) the board vents and stays latched; a bus that does not come back within 2 s ends
+    the run. `urgent` asks for real-time priority. Whenever `asked` is set, `tell` is given how the loop keeps time;
+    `watch` is shown the node in each cycle once the valves are set.
     Raises InputError for a scene that cannot be run, BusError when the bus cannot be opened, SimulationError when the
     simulation or the bus fails in the run; what was recorded is kept.
     """
     stop = stop or threading.Event()
+    check_drive(scene, "plant")
     board_limits(scene.robot)
     warm_up(scene)
+    rehearse_plant(scene, gains)
     with contextlib.ExitStack() as stack:
-        bus = stack.enter_context(opened(interface, channel))
+        bus = stack.enter_context(open_live(interface, channel))
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
         recorder = Recorder(scene, run_dir)
         node = PlantNode(scene, twin, recorder, gains)
         trace = stack.enter_context(TraceWriter(run_dir / BUS_LOG)) if run_dir is not None else None
-        outcome, failure = "done", None
-        loop = FixedRate(CONTROL_PERIOD_S)
+        tell_granted(stack.enter_context(real_time(urgent)), tell)
+        outcome = "done"
+        failure: SimulationError | None = None
+        lost: LostBus | None = None
+        end = BusEnd(bus, "SequencerSetpoints", trace)
         last = samples_of(scene)
         done = 0
         while done < last:
             if stop.is_set() and outcome == "done":
                 outcome, last = "interrupted", min(last, done + round(VENTING_S / CONTROL_PERIOD_S))
                 node.vent()
+            t_s = end.loop.wait()
             try:
-                _exchange(bus, trace, loop.wait(), node.cycle)
+                done += catch_up(node, min(end.loop.missed_now, last - 1 - done))
+                lost = exchange_or_vent(end, node, t_s, lost)
+                watch(node)
                 node.advance()
-            except BusError as error:
-                failure = SimulationError(f"the bus failed at t = {node.plant.t_s:.2f} s: {error}")
-                node.vent(SafeReason.BUS_OFF)
             except SimulationError as error:
                 failure = error
-            if failure is not None:
-                outcome = f"failed: {failure}"
                 break
             done += 1
             recorder.events.detections = list(node.heard.detections)
             recorder.events.recoveries = list(node.heard.recoveries)
             progress(node.plant.t_s)
+            end.answer(asked, tell)
+        failure = failure or (None if lost is None else lost.failure)
+        if failure is not None:
+            outcome = f"failed: {failure}"
         result = RunResult(*recorder.finish(done * steps_per_period(twin.step_s), done * CONTROL_PERIOD_S, outcome))
         if failure is not None:
             raise failure
-        return PlantRun(result, loop.timing())
+        return PlantRun(result, end.timing())
 
 
 def run_sequencer(
@@ -127,24 +169,33 @@ def run_sequencer(
     duration_s: float | None = None,
     sequencer: ChamberSequencer | None = None,
     report: Callable[[SequencerNode], None] = lambda node: None,
+    urgent: bool = False,
+    asked: threading.Event | None = None,
+    tell: Callable[[str], None] = silent,
 ) -> SequencerRun:
     """The sequencer on a bus, until `stop` is set, `duration_s` is over or the link fails after it was armed.
 
-    `report` is shown the node after each cycle. Raises BusError when the bus cannot be opened, SimulationError when
-    the sequencer or the bus fails on the way (the board is told to stop first, where that is possible).
+    `report` is shown the node after each cycle; `urgent`, `asked` and `tell` are as for the plant. Raises InputError
+    for a scene that no sequencer drives, BusError when the bus cannot be opened, SimulationError when the sequencer or
+    the bus fails on the way (the board is told to stop first, where that is possible).
     """
     stop = stop or threading.Event()
+    check_drive(scene, "sequence")
+    if sequencer is None:
+        rehearse_sequencer(scene)
     node = SequencerNode(scene, sequencer)
-    with opened(interface, channel) as bus:
-        loop = FixedRate(CONTROL_PERIOD_S)
+    with open_live(interface, channel) as bus, real_time(urgent) as granted:
+        tell_granted(granted, tell)
+        end = BusEnd(bus, LAST_MEASUREMENT, None)
         ends_s: float | None = None
         while True:
-            t_s = loop.wait()
+            t_s = end.loop.wait()
             try:
-                _exchange(bus, None, t_s, node.cycle)
+                end.exchange(t_s, node.cycle)
             except BusError as error:
                 raise SimulationError(f"the bus failed at t = {t_s:.2f} s: {error}") from error
             report(node)
+            end.answer(asked, tell)
             if ends_s is None and (stop.is_set() or _over(node, t_s, duration_s)):
                 ends_s = t_s + DISARMING_S
                 link_failure = node.link_failure
@@ -154,7 +205,93 @@ def run_sequencer(
                 break
         if node.failure is not None:
             raise SimulationError(f"the sequencer failed: {node.failure}") from node.failure
-        return SequencerRun(node.state, link_failure, tuple(node.detections), tuple(node.recoveries), loop.timing())
+        return SequencerRun(node.state, link_failure, tuple(node.detections), tuple(node.recoveries), end.timing())
+
+
+@dataclass(frozen=True)
+class LostBus:
+    """A bus that failed at `since_s`, and how the run ends if it does not come back."""
+
+    since_s: float
+    failure: SimulationError
+
+
+def exchange_or_vent(end: BusEnd, node: PlantNode, t_s: float, lost: LostBus | None) -> LostBus | None:
+    """The board's cycle on the bus; on one that fails, with the robot vented. Raises SimulationError in the end."""
+    try:
+        end.exchange(t_s, node.cycle)
+    except BusError as error:
+        node.vent(SafeReason.BUS_OFF)
+        node.cycle(t_s, ())
+        if lost is None:
+            lost = LostBus(t_s, SimulationError(f"the bus failed at t = {node.plant.t_s:.2f} s: {error}"))
+        if t_s - lost.since_s >= BUS_LOST_S:
+            raise lost.failure from error
+        return lost
+    return None
+
+
+def catch_up(node: PlantNode, periods: int) -> int:
+    """The robot moves on for the periods in which the board was held up; the number of them that were played.
+
+    Its valves stand as they stood until the watchdog of their driver lets them fall into their safe state.
+    """
+    played = min(periods, LONGEST_CATCH_UP)
+    for period in range(played):
+        if period == round(OUTPUT_WATCHDOG_S / CONTROL_PERIOD_S):
+            node.release_valves()
+        node.advance()
+    return played
+
+
+class BusEnd:
+    """A node's loop on a bus, and how it keeps time; `answered` is the message whose answer is timed."""
+
+    def __init__(self, bus: can.BusABC, answered: str, trace: TraceWriter | None) -> None:
+        self.loop = FixedRate(CONTROL_PERIOD_S)
+        self._bus, self._trace = bus, trace
+        self._meter = MessageMeter(answered)
+
+    def exchange(self, t_s: float, cycle: Callable[[float, list[Frame]], list[Frame]]) -> None:
+        """One cycle: all that has come in, all that is due out. Raises BusError; the cycle may then not have been."""
+        stamped = list(drain(self._bus))
+        came = [frame for frame, _ in stamped]
+        self._meter.came(stamped)
+        out = cycle(t_s, came)
+        send(self._bus, out, t_s)
+        self._meter.acted()
+        if self._trace is not None:
+            self._trace.write([*came, *out], t_s)
+
+    def answer(self, asked: threading.Event | None, tell: Callable[[str], None]) -> None:
+        """Tell how time is kept, if it was asked for."""
+        if asked is not None and asked.is_set():
+            asked.clear()
+            tell(str(self.timing()))
+
+    def timing(self) -> RealTime:
+        """What was measured so far."""
+        return RealTime(self.loop.timing(), self._meter.timing())
+
+
+def open_live(interface: str, channel: str) -> contextlib.AbstractContextManager[can.BusABC]:
+    """A bus whose time stamps are the machine's wall clock, where it can be asked for that."""
+    return opened(interface, channel, **({"preserve_timestamps": False} if interface == "virtual" else {}))
+
+
+def check_drive(scene: Scene, command: str) -> None:
+    """Raises InputError for a scene that no sequencer drives: there is nothing for a bus to carry."""
+    if scene.drive.kind != "sequencer":
+        raise InputError(
+            f'{scene.name}: drive.kind = "{scene.drive.kind}" has no sequencer, so `softbot {command}` has nothing to '
+            'do; take a scene with drive.kind = "sequencer", or simulate this one with `softbot run`'
+        )
+
+
+def tell_granted(granted: Granted, tell: Callable[[str], None]) -> None:
+    """Say what a process that asked for it was refused."""
+    for sentence in granted.refused:
+        tell(sentence)
 
 
 @contextlib.contextmanager
@@ -177,6 +314,17 @@ def stopped_by_signals() -> Iterator[threading.Event]:
             signal.signal(one, handler)  # type: ignore[arg-type]
 
 
+@contextlib.contextmanager
+def asked_by_signal() -> Iterator[threading.Event]:
+    """An event that SIGUSR1 sets: how is time kept?"""
+    asked = threading.Event()
+    before = signal.signal(signal.SIGUSR1, lambda number, frame: asked.set())
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
 def sequencer_report(run: SequencerRun) -> dict[str, object]:
     """A sequencer's run as the JSON object of `softbot sequence --json`."""
     return {
@@ -186,20 +334,6 @@ def sequencer_report(run: SequencerRun) -> dict[str, object]:
         "recoveries": [asdict(answer) for answer in run.recoveries],
         "timing": asdict(run.timing),
     }
-
-
-def _exchange(
-    bus: can.BusABC,
-    trace: TraceWriter | None,
-    t_s: float,
-    cycle: Callable[[float, list], list],
-) -> None:
-    """One cycle of a node on a bus: all that has come in, all that is due out."""
-    came = [frame for frame, _ in drain(bus)]
-    out = cycle(t_s, came)
-    send(bus, out, t_s)
-    if trace is not None:
-        trace.write([*came, *out], t_s)
 
 
 def _over(node: SequencerNode, t_s: float, duration_s: float | None) -> bool:

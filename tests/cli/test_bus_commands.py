@@ -14,7 +14,8 @@ from firmware_protocol.sequencer_link import LinkFailure, SequencerLink
 from softbot.cli.sequence import Narrator
 from softbot.nodes import wall_clock
 from softbot.nodes.fixed_rate import FixedRate
-from softbot.nodes.wall_clock import SequencerRun
+from softbot.nodes.message_meter import MessageMeter
+from softbot.nodes.wall_clock import RealTime, SequencerRun
 
 VIRTUAL = ("--interface", "virtual", "--channel", "cli-bus-commands")
 
@@ -45,7 +46,8 @@ def test_a_bus_that_is_not_there_ends_with_2_and_the_mend(softbot: Any, scene_fi
 
 def test_a_link_that_failed_ends_with_3(softbot: Any, scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: Any, **__: Any) -> SequencerRun:
-        return SequencerRun(SequencerState.PRIMING, LinkFailure.BOARD_SILENT, (), (), FixedRate(0.01).timing())
+        timing = RealTime(FixedRate(0.01).timing(), MessageMeter("ImuAccelerometer").timing())
+        return SequencerRun(SequencerState.PRIMING, LinkFailure.BOARD_SILENT, (), (), timing)
 
     monkeypatch.setattr(wall_clock, "run_sequencer", fail)
     result = softbot("sequence", scene_file, *VIRTUAL, "--json")

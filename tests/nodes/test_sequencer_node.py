@@ -220,6 +220,53 @@ def test_readings_are_given_only_once_they_are_whole(make_scene: MakeScene, scri
     assert sequencer.readings == []
 
 
+def sampling(sender: Sender, value: float) -> list[Frame]:
+    """The frames of one sampling of the board, all telling of `value`."""
+    return [
+        sender.send("BoardPressures", {f"Pressure{chamber}": value for chamber in range(4)}),
+        sender.send(
+            "BoardValves",
+            {f"Opening{chamber}": 0.01 * value for chamber in range(4)} | {"MainSupplyOpen": 1, "BoardMode": 1},
+        ),
+        sender.send("BoardSupply", {"SupplyPressure": 100.0 + value, "SampleTimeMs": 10 * value}),
+        sender.send("ImuGyro", {"X": value, "Y": 0.0, "Z": 0.0}),
+        sender.send("ImuAccelerometer", {"X": 0.0, "Y": value, "Z": 0.0}),
+    ]
+
+
+def told(sequencer: Any) -> list[tuple[float, ...]]:
+    """What each reading says in units of the value of its sampling."""
+    return [
+        tuple(
+            np.round(
+                [
+                    1e-3 * reading.pressure_Pa[0],
+                    100.0 * reading.opening[0],
+                    1e-3 * reading.supply_Pa - 100.0,
+                    reading.gyro_rad_s[0],
+                    reading.accelerometer_m_s2[1],
+                ],
+                6,
+            )
+        )
+        for reading in sequencer.readings
+    ]
+
+
+@pytest.mark.parametrize("torn_after", range(11))
+def test_a_reading_is_of_one_sampling_wherever_the_cycle_cuts(
+    make_scene: MakeScene, scripted: Any, torn_after: int
+) -> None:
+    sequencer = scripted()
+    node = SequencerNode(make_scene(), sequencer)
+    sender = Sender()
+    frames = sampling(sender, 1.0) + sampling(sender, 2.0)
+    node.cycle(0.0, frames[:torn_after])
+    node.cycle(0.01, frames[torn_after:])
+    assert told(sequencer) == [(1.0,) * 5, (2.0,) * 5]
+    assert sequencer.readings[1].t_s - sequencer.readings[0].t_s == pytest.approx(0.01)
+
+
 def test_readings_keep_the_boards_rate_over_the_wrap_of_its_clock(make_scene: MakeScene, scripted: Any) -> None:
     sequencer = scripted()
     Board(SequencerNode(make_scene(), sequencer), clock_start_s=65.5).run(0.2)

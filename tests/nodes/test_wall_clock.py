@@ -16,6 +16,7 @@ import pytest
 
 from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol.bus import opened
+from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import BusError
 from firmware_protocol.sequencer_link import LinkFailure
 from firmware_protocol.trace import read_trace
@@ -86,9 +87,13 @@ def test_both_ends_meet_on_a_bus_and_stop_when_told(
     senders = {frame.frame_id < 0x200 for _, frame in read_trace(tmp_path / "bus.log")}
     assert senders == {True, False}  # both ends' frames are in the plant's log
     for timing in (planted.timing, sequenced.timing):
-        assert timing.cycles > 50
-        assert 0.0 <= timing.mean_lateness_s <= timing.max_lateness_s
-    assert json.loads(json.dumps(sequencer_report(sequenced)))["timing"]["cycles"] == sequenced.timing.cycles
+        assert timing.loop.cycles > 50
+        assert 0.0 <= timing.loop.mean_lateness_s <= timing.loop.max_lateness_s
+        assert (timing.link.lost, timing.link.refused) == (0, 0)
+        assert timing.link.received > 50
+        assert 0.0 < timing.link.mean_latency_s <= timing.link.max_latency_s
+    loop = json.loads(json.dumps(sequencer_report(sequenced)))["timing"]["loop"]
+    assert loop["cycles"] == sequenced.timing.loop.cycles
 
 
 def test_a_plant_that_falls_silent_ends_the_sequencer(
@@ -108,7 +113,7 @@ def test_a_sequencer_may_end_by_itself(make_scene: MakeScene, scripted: Any) -> 
         make_scene(), "virtual", "wall-clock-alone", duration_s=0.1, sequencer=scripted(), report=shown.append
     )
     assert run.link_failure is LinkFailure.NONE
-    assert len(shown) == run.timing.cycles
+    assert len(shown) == run.timing.loop.cycles
 
 
 def test_a_sequencer_that_fails_stops_the_board_and_says_why(
@@ -149,10 +154,85 @@ def bus_that_breaks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_bus_that_breaks_is_a_failed_run_that_keeps_its_recording(
     make_scene: MakeScene, gains: PressureLoopGains, tmp_path: Path
 ) -> None:
-    with pytest.raises(SimulationError, match=r"the bus failed at t = 0\.20 s.*network is down"):
-        run_plant(make_scene(), "virtual", "wall-clock-broken", tmp_path, gains=gains)
-    assert read_telemetry(tmp_path).num_rows == 20
+    openings = []
+    with pytest.raises(SimulationError, match=r"the bus failed at t = 0\.[2-5]\d s.*network is down"):
+        run_plant(
+            make_scene(),
+            "virtual",
+            "wall-clock-broken",
+            tmp_path,
+            gains=gains,
+            watch=lambda node: openings.append(node.valves),
+        )
+    assert read_telemetry(tmp_path).num_rows == 60  # the robot vents to the end of the scene
+    assert all((opening == -1.0).all() and not supply for opening, supply in openings[20:])
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"].startswith("failed: the bus failed")
+
+
+def test_a_bus_that_comes_back_finds_the_board_latched(
+    make_scene: MakeScene, gains: PressureLoopGains, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent, send = 0, wall_clock.send
+
+    def broken_for_a_while(*arguments: Any) -> None:
+        nonlocal sent
+        sent += 1
+        if 10 < sent <= 20:
+            raise BusError("cannot send on vcan0: network is down")
+        send(*arguments)
+
+    reasons = []
+    monkeypatch.setattr(wall_clock, "send", broken_for_a_while)
+    run = run_plant(
+        make_scene(),
+        "virtual",
+        "wall-clock-back",
+        gains=gains,
+        watch=lambda node: reasons.append(node.rules.state.reason),
+    )
+    assert run.result.summary["outcome"] == "done"
+    assert set(reasons[:10]) == {SafeReason.POWER_UP}
+    assert set(reasons[10:]) == {SafeReason.BUS_OFF}
+
+
+def test_the_robot_moves_on_while_its_board_is_held_up(make_scene: MakeScene, gains: PressureLoopGains) -> None:
+    held_up = False
+
+    def hold_up(t_s: float) -> None:
+        nonlocal held_up
+        if t_s > 0.3 and not held_up:
+            held_up = True
+            time.sleep(0.15)
+
+    cycles = []
+    start_s = time.monotonic()
+    run = run_plant(
+        make_scene(), "virtual", "wall-clock-held", gains=gains, progress=hold_up, watch=lambda node: cycles.append(1)
+    )
+    assert run.result.telemetry.column("t_s").to_numpy() == pytest.approx(np.arange(1, 61) * 0.01)
+    assert len(cycles) <= 60 - 14
+    assert run.timing.loop.missed_deadlines >= 14
+    assert time.monotonic() - start_s > 0.55
+
+
+def test_a_board_that_stands_still_loses_its_valves() -> None:
+    class Node:
+        """As much of a plant node as catches up."""
+
+        def __init__(self) -> None:
+            self.open, self.periods_open, self.periods = True, 0, 0
+
+        def release_valves(self) -> None:
+            self.open = False
+
+        def advance(self) -> None:
+            self.periods += 1
+            self.periods_open += self.open
+
+    for missed, played, stood_open in ((0, 0, 0), (7, 7, 7), (30, 30, 10), (1000, 100, 10)):
+        node = Node()
+        assert wall_clock.catch_up(node, missed) == node.periods == played  # type: ignore[arg-type]
+        assert node.periods_open == stood_open
 
 
 @pytest.mark.usefixtures("bus_that_breaks")
@@ -174,6 +254,7 @@ def test_a_simulation_that_fails_keeps_its_recording(
         return advance_plant(*args)
 
     monkeypatch.setattr(wall_clock, "warm_up", lambda scene: None)
+    monkeypatch.setattr(wall_clock, "rehearse_plant", lambda scene, gains: None)
     monkeypatch.setattr(Plant, "advance", advance)
     with pytest.raises(SimulationError, match="not finite"):
         run_plant(make_scene(), "virtual", "wall-clock-nan", tmp_path, gains=gains)

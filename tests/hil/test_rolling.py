@@ -1,0 +1,100 @@
+"""Arm, roll, rupture, recovery over a bus: what happened is read from the plant's own recording."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers.pressure_loop import PressureLoopGains
+from firmware_protocol.codec import decode
+from firmware_protocol.enumerations import BoardMode, ControlMode
+from firmware_protocol.sequencer_link import LinkFailure
+from firmware_protocol.trace import read_trace
+from sim.scene import Scene
+from sim.telemetry import read_telemetry
+from softbot.nodes.wall_clock import PlantRun, SequencerRun, run_plant, run_sequencer
+
+FAULT_S, END_S = 3.0, 7.0
+
+
+class Rolled:
+    """The two ends' outcomes and the plant's run folder."""
+
+    def __init__(self, scene: Scene, gains: PressureLoopGains, transport: tuple[str, str], folder: Path) -> None:
+        stop = threading.Event()
+        self.folder = folder
+        self.sequenced: SequencerRun | None = None
+
+        def sequence() -> None:
+            self.sequenced = run_sequencer(scene, *transport, stop=stop)
+
+        other = threading.Thread(target=sequence)
+        other.start()
+        try:
+            self.planted: PlantRun = run_plant(
+                scene, *transport, folder, gains=gains, progress=lambda t_s: stop.set() if t_s > END_S - 0.3 else None
+            )
+        finally:
+            stop.set()
+            other.join(20.0)
+
+    @property
+    def summary(self) -> dict:
+        return self.planted.result.summary
+
+
+@pytest.fixture(scope="module")
+def rolled(
+    shared_transport: tuple[str, str],
+    damaged_scene: Callable[..., Scene],
+    gains: PressureLoopGains,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Rolled:
+    scene = damaged_scene(f"fault.0.t_s={FAULT_S}", f"solver.duration_s={END_S}")
+    return Rolled(scene, gains, shared_transport, tmp_path_factory.mktemp("rolled") / "run")
+
+
+def test_it_was_armed_by_the_handshake_and_only_then_pressurised(rolled: Rolled) -> None:
+    modes, first_pressure = [], None
+    for t_s, frame in read_trace(rolled.folder / "bus.log"):
+        name, signals = decode(frame.frame_id, frame.data)
+        if name == "SequencerControl" and (not modes or modes[-1] != signals["Mode"]):
+            modes.append(int(signals["Mode"]))
+        if name == "BoardValves" and signals["MainSupplyOpen"]:
+            assert signals["BoardMode"] == BoardMode.ARMED
+            first_pressure = first_pressure or t_s
+    assert modes == [
+        ControlMode.DISARM,
+        ControlMode.ARM_REQUEST,
+        ControlMode.ARM_CONFIRM,
+        ControlMode.RUN,
+        ControlMode.DISARM,
+    ]
+    assert first_pressure is not None
+
+
+def test_the_rupture_is_named_and_answered_by_reversing_the_curvature(rolled: Rolled) -> None:
+    assert [(found["chamber"], found["kind"]) for found in rolled.summary["detections"]] == [(1, "rupture")]
+    assert 0.0 < rolled.summary["detections"][0]["delay_s"] < 1.0
+    assert [answer["strategy"] for answer in rolled.summary["recoveries"]] == ["curvature_reversal"]
+    assert (rolled.summary["false_alarms"], rolled.summary["missed_faults"]) == (0, 0)
+
+
+def test_it_rolls_on_in_the_same_direction(rolled: Rolled) -> None:
+    telemetry = read_telemetry(rolled.folder)
+    t = telemetry.column("t_s").to_numpy()
+    turned = telemetry.column("roll_rad").to_numpy() / (2.0 * np.pi)
+    before, after = np.interp(FAULT_S, t, turned), turned[-1] - np.interp(FAULT_S + 0.5, t, turned)
+    assert before < -0.5  # to the left: negative
+    assert after < -0.5
+
+
+def test_no_command_is_lost_and_the_board_never_vents(rolled: Rolled) -> None:
+    assert rolled.sequenced is not None
+    assert rolled.sequenced.link_failure is LinkFailure.NONE
+    for timing in (rolled.planted.timing.link, rolled.sequenced.timing.link):
+        assert (timing.lost, timing.refused) == (0, 0)
