@@ -24,6 +24,7 @@ from softbot.actuator import PRE_STRETCH_BOUNDS, ActuatorLaw
 from softbot.cross_section import CrossSection, default_cross_section
 from softbot.errors import InputError
 from softbot.material import MATERIALS, OPTIONAL_PARAMETERS, MaterialName
+from softbot.memory.chain import Memory, MemoryParts
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import SensorParameters
 from softbot.toml_file import STRICT, Table, check, read_toml, write_toml
@@ -122,6 +123,9 @@ class Robot(pydantic.BaseModel):
         1, ge=1, le=10_000, description="parts between whose ends the muscles span, for the moments in closed form"
     )
     actuator: Actuator | None = None
+    memory: MemoryParts | None = Field(
+        None, description="what the chambers do with their pressures before the wall feels them"
+    )
     tube: TubeWall | None = None
     pneumatics: PneumaticsParameters = PneumaticsParameters()
     sensors: SensorParameters = SensorParameters()
@@ -146,6 +150,8 @@ class Robot(pydantic.BaseModel):
             raise ValueError(f"bending_stiffness_N_m2: follows from the {source}; give one of the two")
         if self.actuator is not None and self.actuation == "muscle":
             raise ValueError('actuation = "muscle": the [actuator] table is about chambers; leave one of the two out')
+        if self.memory is not None and self.actuation == "muscle":
+            raise ValueError('actuation = "muscle": the [memory] table is about chambers; leave one of the two out')
         if 2.0 * self.radius_m > self.length_m:
             raise ValueError(
                 f"radius_m = {self.radius_m:g} is over half of length_m = {self.length_m:g}: this is no slender tube"
@@ -212,6 +218,13 @@ class Robot(pydantic.BaseModel):
             )
         modulus_Pa = self.bending_stiffness / (MATERIALS["neo-hookean"].modulus_ratio * section.bending_area_moment_m4)
         return ActuatorLaw(section, "neo-hookean", modulus_Pa)
+
+    def actuator_memory(self) -> Memory | None:
+        """The memory of its chambers; None for a robot without any part of it."""
+        if self.memory is None or not self.memory.on:
+            return None
+        volume_m3 = self.actuator_law().chamber_volumes_m3(self.length_m, 1.0, [0.0, 0.0])
+        return Memory(self.memory, volume_m3, self.pneumatics.atmospheric_pressure_absolute_Pa)
 
     @property
     def max_pressure_Pa(self) -> float:
