@@ -165,7 +165,7 @@ class PneumaticsParameters:
 
 
 @njit(cache=True)
-def _flow_and_slopes(
+def flow_and_slopes(
     coefficient: float, critical_ratio: float, first_absolute_Pa: float, second_absolute_Pa: float
 ) -> tuple[float, float, float]:
     """Mass flow from the first to the second side [kg/s], and its slopes with the two pressures [kg/(s Pa)].
@@ -198,7 +198,7 @@ def _flow_and_slopes(
 
 
 @njit(cache=True)
-def _coefficient(conductance_m3_s_Pa: float, temperature_K: float) -> float:
+def flow_coefficient(conductance_m3_s_Pa: float, temperature_K: float) -> float:
     return conductance_m3_s_Pa * REFERENCE_DENSITY_kg_m3 * math.sqrt(REFERENCE_TEMPERATURE_K / temperature_K)
 
 
@@ -221,8 +221,8 @@ def valve_mass_flow(
     Odd under exchange of the two sides: negative when the pressure called downstream is the higher one.
     Pressures absolute [Pa], T of the gas upstream [K].
     """
-    return _flow_and_slopes(
-        _coefficient(conductance_m3_s_Pa, temperature_K),
+    return flow_and_slopes(
+        flow_coefficient(conductance_m3_s_Pa, temperature_K),
         critical_ratio,
         upstream_absolute_Pa,
         downstream_absolute_Pa,
@@ -258,8 +258,8 @@ def _solve_chamber(
     flow_in = slope = 0.0
     last_move = high - low
     for _ in range(_MAX_ITERATIONS):
-        flow_in, in_m, in_p = _flow_and_slopes(inlet, b, manifold, p)
-        flow_out, out_p, _unused = _flow_and_slopes(outlet, b, p, atmosphere)
+        flow_in, in_m, in_p = flow_and_slopes(inlet, b, manifold, p)
+        flow_out, out_p, _unused = flow_and_slopes(outlet, b, p, atmosphere)
         residual = capacity * (p - trapped) - dt_s * (flow_in - flow_out)
         stiffness = capacity + dt_s * (out_p - in_p)
         # dp/d(manifold) = dt in_m / stiffness, hence the total slope of the flow in:
@@ -309,7 +309,7 @@ def step_in_place(
     source = parameters[_SUPPLY_ABSOLUTE]
     feed = 0.0
     if main_supply_open:
-        feed = _coefficient(parameters[_REGULATOR_CONDUCTANCE] * conditions[SUPPLY_FACTOR], temperature)
+        feed = flow_coefficient(parameters[_REGULATOR_CONDUCTANCE] * conditions[SUPPLY_FACTOR], temperature)
     manifold_capacity = parameters[_MANIFOLD_VOLUME] / gas
     manifold_trapped = state[MANIFOLD_MASS] / manifold_capacity
     if not (manifold_trapped > 0.0 and math.isfinite(manifold_trapped) and dt_s > 0.0 and math.isfinite(dt_s)):
@@ -341,7 +341,7 @@ def step_in_place(
     last_move = high - low
     status = 1
     for _ in range(_MAX_ITERATIONS):
-        flow_feed, _unused, feed_slope = _flow_and_slopes(feed, b, source, manifold)
+        flow_feed, _unused, feed_slope = flow_and_slopes(feed, b, source, manifold)
         if flow_feed < 0.0:  # the regulator does not relieve
             flow_feed = feed_slope = 0.0
         drawn = drawn_slope = 0.0
@@ -350,10 +350,10 @@ def step_in_place(
             supply = parameters[_SUPPLY_CONDUCTANCE + i]
             inlet = outlet = 0.0
             if opening > 0.0:
-                inlet = _coefficient(opening * supply * conditions[INLET_FACTOR + i], temperature)
+                inlet = flow_coefficient(opening * supply * conditions[INLET_FACTOR + i], temperature)
             else:
                 outlet = -opening * parameters[_EXHAUST_CONDUCTANCE + i] * conditions[EXHAUST_FACTOR + i]
-            outlet = _coefficient(outlet + supply * conditions[LEAK_RATIO + i], temperature)
+            outlet = flow_coefficient(outlet + supply * conditions[LEAK_RATIO + i], temperature)
             capacity = (chamber_volume_m3[i] + parameters[_DEAD_VOLUME + i]) / gas
             p, flow_in, slope, failed = _solve_chamber(
                 state[GAS_MASS + i] / capacity,

@@ -21,11 +21,13 @@ import pydantic
 from pydantic import Field
 
 from softbot.actuator import PRE_STRETCH_BOUNDS, ActuatorLaw
-from softbot.cross_section import CrossSection, default_cross_section
+from softbot.cross_section import CHAMBERS, CrossSection, default_cross_section
 from softbot.errors import InputError
 from softbot.material import MATERIALS, OPTIONAL_PARAMETERS, MaterialName
+from softbot.memory.chain import Memory, MemoryParts
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import SensorParameters
+from softbot.silicone import silicone, wall_of
 from softbot.toml_file import STRICT, Table, check, read_toml, write_toml
 from softbot.tube import Tube, scaled_pressure
 
@@ -104,7 +106,12 @@ class Robot(pydantic.BaseModel):
     name: str = "robot"
     length_m: float = Field(gt=0, le=100, description="length of the unloaded tube, in metres")
     radius_m: float = Field(gt=0, le=10, description="outer radius, in metres")
-    mass_kg: float = Field(gt=0, le=1e4, description="mass of the whole robot, in kilograms")
+    mass_kg: float = Field(
+        gt=0, le=1e4, description="mass of the whole robot, in kilograms; with a material that of its wall by default"
+    )
+    material: str | None = Field(
+        None, description="silicone of the wall (softbot materials lists them); gives law and parameters of [actuator]"
+    )
     bending_stiffness_N_m2: float | None = Field(
         None, gt=0, le=1e9, description="EI, in N m²; leave out with an [actuator] or a [tube]"
     )
@@ -122,10 +129,37 @@ class Robot(pydantic.BaseModel):
         1, ge=1, le=10_000, description="parts between whose ends the muscles span, for the moments in closed form"
     )
     actuator: Actuator | None = None
+    memory: MemoryParts | None = Field(
+        None, description="what the chambers do with their pressures before the wall feels them"
+    )
     tube: TubeWall | None = None
     pneumatics: PneumaticsParameters = PneumaticsParameters()
     sensors: SensorParameters = SensorParameters()
     provenance: dict[str, str] = Field(default_factory=dict, description="where the numbers come from")
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _made_of(cls, table: Any) -> Any:
+        """Lay what the silicone and the default section say under what is stated."""
+        if not (isinstance(table, dict) and isinstance(table.get("material"), str)):
+            return table
+        one = silicone(table["material"])
+        stated = table.get("actuator", {})
+        if not isinstance(stated, dict):
+            return table
+        actuator = wall_of(one.name, stated) | stated
+        filled = {**table, "material": one.name, "actuator": actuator}
+        size = [table.get(key) for key in ("radius_m", "length_m")]
+        if all(isinstance(value, int | float) and 0.0 < value < math.inf for value in size):
+            radius_m, length_m = (float(value) for value in size if value is not None)
+            assumed = default_cross_section(radius_m)
+            for key in ("chamber_area_m2", "chamber_centroid_radius_m"):
+                actuator.setdefault(key, getattr(assumed, key))
+            if "mass_kg" not in table:
+                chambers = actuator["chamber_area_m2"]
+                area_m2 = math.pi * radius_m**2 - CHAMBERS * (chambers if isinstance(chambers, int | float) else 0.0)
+                filled["mass_kg"] = one.density_kg_m3 * max(area_m2, 1e-12) * length_m
+        return filled
 
     @pydantic.model_validator(mode="after")
     def _one_stiffness(self) -> Self:
@@ -146,6 +180,8 @@ class Robot(pydantic.BaseModel):
             raise ValueError(f"bending_stiffness_N_m2: follows from the {source}; give one of the two")
         if self.actuator is not None and self.actuation == "muscle":
             raise ValueError('actuation = "muscle": the [actuator] table is about chambers; leave one of the two out')
+        if self.memory is not None and self.actuation == "muscle":
+            raise ValueError('actuation = "muscle": the [memory] table is about chambers; leave one of the two out')
         if 2.0 * self.radius_m > self.length_m:
             raise ValueError(
                 f"radius_m = {self.radius_m:g} is over half of length_m = {self.length_m:g}: this is no slender tube"
@@ -212,6 +248,21 @@ class Robot(pydantic.BaseModel):
             )
         modulus_Pa = self.bending_stiffness / (MATERIALS["neo-hookean"].modulus_ratio * section.bending_area_moment_m4)
         return ActuatorLaw(section, "neo-hookean", modulus_Pa)
+
+    @property
+    def stiffness_log_sd(self) -> float | None:
+        """How far the stiffness of a predicted wall is to be trusted: standard deviation of its logarithm.
+
+        None for a robot without a `material`, whose wall is stated or calibrated.
+        """
+        return None if self.material is None else silicone(self.material).stiffness_log_sd
+
+    def actuator_memory(self) -> Memory | None:
+        """The memory of its chambers; None for a robot without any part of it."""
+        if self.memory is None or not self.memory.on:
+            return None
+        volume_m3 = self.actuator_law().chamber_volumes_m3(self.length_m, 1.0, [0.0, 0.0])
+        return Memory(self.memory, volume_m3, self.pneumatics.atmospheric_pressure_absolute_Pa)
 
     @property
     def max_pressure_Pa(self) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import tomllib
+import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -158,7 +159,8 @@ def _fields(model: Any) -> dict[str, Any]:
         if hasattr(candidate, "model_fields"):
             return {info.alias or name: info.annotation for name, info in candidate.model_fields.items()}
         if hasattr(candidate, "__dataclass_fields__"):
-            return {name: item.type for name, item in candidate.__dataclass_fields__.items()}
+            hints = typing.get_type_hints(candidate)
+            return {name: hints[name] for name in candidate.__dataclass_fields__}
     return {}
 
 

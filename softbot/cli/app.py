@@ -13,7 +13,9 @@ from softbot.cli.calibrate import calibrate
 from softbot.cli.demo import demo
 from softbot.cli.exit_status import with_exit_status
 from softbot.cli.figure import figure
+from softbot.cli.materials import materials
 from softbot.cli.plant import plant
+from softbot.cli.predict import predict
 from softbot.cli.pressure_loop import pressure_loop
 from softbot.cli.report import report
 from softbot.cli.run import run
@@ -33,6 +35,8 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "run": run,
     "report": report,
     "calibrate": calibrate,
+    "materials": materials,
+    "predict": predict,
     "pressure-loop": pressure_loop,
     "plant": plant,
     "sequence": sequence,

@@ -32,6 +32,18 @@ def crooked() -> dict[str, Any]:
     return {**TUBE, "actuator": {**ACTUATOR, **wall, "misalignment_rad": [0.1, 0.0, -0.05, 0.0]}}
 
 
+def remembering() -> dict[str, Any]:
+    return {
+        **pressed(),
+        "memory": {
+            "line": {"filling_conductance_m3_s_Pa": 2e-10, "venting_conductance_m3_s_Pa": 1e-10, "growth_1_Pa": 3e-6},
+            "hysteresis": {"thresholds_Pa": [5e3, 2e4], "weights": [0.1, 0.2], "unloading_slope": 1.3},
+            "creep": {"shares": [0.1], "times_s": [2.0]},
+            "residual": {"share": 0.05, "growth_time_s": 10.0, "recovery_time_s": 60.0},
+        },
+    }
+
+
 def bent() -> dict[str, Any]:
     return {**TUBE, "bending_stiffness_N_m2": 3.93e-3}
 
@@ -67,6 +79,24 @@ def test_robot_with_an_actuator_bends_as_stiffly_as_its_wall() -> None:
     assert robot.max_pressure_Pa == 5e4
     law = robot.actuator_law()
     assert (law.material, law.gains, law.dead_band_Pa) == ("yeoh", (1.0, 1.1, 0.9, 1.0), 1e3)
+
+
+def test_memory_is_that_of_its_parts_and_chambers_and_absent_where_there_is_none() -> None:
+    robot = robot_from(remembering(), "r.toml")
+    memory = robot.actuator_memory()
+    assert memory is not None
+    assert memory.parts == robot.memory
+    part = {**remembering(), "memory": {"creep": {"shares": [0.1], "times_s": [2.0]}}}
+    creeping = robot_from(part, "r.toml").actuator_memory()
+    assert creeping is not None
+    assert creeping.parts.line is creeping.parts.hysteresis is creeping.parts.residual is None
+    for none in (pressed(), {**pressed(), "memory": {}}):
+        assert robot_from(none, "r.toml").actuator_memory() is None
+    # a line fills a chamber of this robot's volume: twice the length, twice the time
+    longer = robot_from({**remembering(), "length_m": 0.3}, "r.toml").actuator_memory()
+    assert longer is not None
+    felt = [of.step(of.rest(), [5e4] * 4, dt)[0][0, 0] for of, dt in ((memory, 1e-2), (longer, 2e-2))]
+    assert felt[0] == pytest.approx(felt[1], rel=1e-9)
 
 
 def test_every_key_of_the_wall_reaches_the_law() -> None:
@@ -168,7 +198,7 @@ def test_table_of_a_robot_makes_the_same_robot(
     assert robot_from(robot.table(), "again") == robot
 
 
-@pytest.mark.parametrize("table", [bent(), pressed(), crooked()])
+@pytest.mark.parametrize("table", [bent(), pressed(), crooked(), remembering()])
 def test_saved_robot_comes_back_the_same(tmp_path: Path, table: dict[str, Any]) -> None:
     table["provenance"] = {"table": 'a "quoted" naïve name', "licence": "CC-BY-4.0"}
     table["sensors"] = {"gyro_noise_rad_s": 1e-7}
@@ -223,6 +253,29 @@ def test_shipped_robot_is_calibrated_and_can_bend_and_a_file_of_that_name_goes_b
             "misalignment_rad = (1.0, 0.0, 0.0, 0.0)",
         ),
         ({**TUBE, "actuator": {**ACTUATOR, "misalignment_deg": [1, 0, 0, 0]}}, "did you mean misalignment_rad?"),
+        (
+            {**bent(), "memory": {"creep": {"shares": [1.0], "times_s": [2.0]}}},
+            "memory.creep.shares = [1.0]: each from",
+        ),
+        ({**bent(), "memory": {"creep": {"shares": [0.1]}}}, "memory.creep.times_s: missing; add it"),
+        ({**bent(), "memory": {"crep": {}}}, "memory.crep: unknown key; did you mean creep?"),
+        (
+            {**bent(), "memory": {"hysteresis": {"thresholds_Pa": [2.0, 1.0], "weights": [0.1, 0.1]}}},
+            "memory.hysteresis.thresholds_Pa = [2.0, 1.0]: give rising numbers",
+        ),
+        (
+            {**bent(), "memory": {"residual": {"share": 0.1, "growth_time_s": 0, "recovery_time_s": 1}}},
+            "memory.residual.growth_time_s = 0",
+        ),
+        (
+            {**bent(), "memory": {"line": {"filling_conductance_m3_s_Pa": 1e-10, "venting_conductance_m3_s_Pa": -1}}},
+            "memory.line.venting_conductance_m3_s_Pa = -1",
+        ),
+        (
+            {**bent(), "memory": {"line": {"filling_conductance_m3_s_bar": 1e-10, "venting_conductance_m3_s_Pa": 1}}},
+            "did you mean filling_conductance_m3_s_Pa? (mind the unit)",
+        ),
+        ({**bent(), "actuation": "muscle", "memory": {}}, "the [memory] table is about chambers"),
         ({**bent(), "actuation": "wind"}, "actuation = 'wind': input should be 'chamber' or 'muscle'"),
         ({**bent(), "segments": 0}, "segments = 0: input should be greater than or equal to 1"),
         (
