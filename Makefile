@@ -6,7 +6,7 @@ BIN = .venv/bin
 READY = .venv/ready
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-17s %s\n", $$1, $$2 }' Makefile
 
 demo: $(READY) ## run the paper's experiment into runs/demo
 	$(BIN)/softbot demo --out runs/demo
