@@ -6,13 +6,20 @@ BIN = .venv/bin
 READY = .venv/ready
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-17s %s\n", $$1, $$2 }' Makefile
 
 demo: $(READY) ## run the paper's experiment into runs/demo
 	$(BIN)/softbot demo --out runs/demo
 
 test: $(READY) ## the default tests, with their coverage (at least 90 % of the lines)
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=term:skip-covered --cov-fail-under=90
+
+coverage-protocol: $(READY) ## every line and branch of firmware_protocol is tested
+	$(BIN)/python -m pytest -n 2 tests/firmware_protocol --cov=firmware_protocol --cov-branch \
+	  --cov-report=term-missing:skip-covered --cov-fail-under=100
+
+mutants: $(READY) ## change the safety and end-to-end modules one place at a time; the tests must notice (long)
+	$(BIN)/python tests/firmware_protocol/mutants.py
 
 check: $(READY) ## format, lint, types
 	$(BIN)/ruff format --check .
@@ -55,4 +62,4 @@ clean: ## remove what make made: .venv, caches, coverage (runs/ stays)
 $(READY): requirements.lock pyproject.toml .ci/set_up.sh
 	@.ci/set_up.sh $(READY)
 
-.PHONY: help demo test test-vcan check slow stress bench c-reference c-coverage lock clean
+.PHONY: help demo test test-vcan coverage-protocol mutants check slow stress bench c-reference c-coverage lock clean

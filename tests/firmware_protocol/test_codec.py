@@ -191,12 +191,19 @@ def test_values_that_only_bits_allow_are_refused_when_decoding() -> None:
 
 def test_coding_is_fast_enough_for_lock_step() -> None:
     signals = {f"Setpoint{chamber}": 100.3 for chamber in range(4)}
-    frame = encode("SequencerSetpoints", signals)
-    best_s = math.inf
-    for _ in range(5):
-        start_s = time.perf_counter()
-        for _ in range(500):
-            decode(*encode("SequencerSetpoints", signals))
-        best_s = min(best_s, (time.perf_counter() - start_s) / 500)
-    assert frame.frame_id == 0x110
-    assert best_s < 200e-6  # about 11 µs when nothing else runs; the bound leaves room for a loaded machine
+
+    def ours() -> None:
+        decode(*encode("SequencerSetpoints", signals))
+
+    def theirs() -> None:
+        data = CANTOOLS.encode_message(0x110, signals | {"Crc": 0, "Counter": 0})
+        CANTOOLS.decode_message(0x110, data)
+
+    best_s = {ours: math.inf, theirs: math.inf}
+    for _ in range(20):  # in turns, so that a loaded machine is loaded for both
+        for code in best_s:
+            start_s = time.perf_counter()
+            for _ in range(50):
+                code()
+            best_s[code] = min(best_s[code], time.perf_counter() - start_s)
+    assert best_s[ours] < 3 * best_s[theirs]  # 0.4 of it measured; the bound leaves room for counting the lines
