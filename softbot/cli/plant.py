@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from softbot.cli.options import Assignments, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
+from softbot.nodes.deciding_board import DecidingBoard
+
+Board = Annotated[
+    DecidingBoard,
+    typer.Option(help="Which board decides: the one in Python, or the C reference, compiled here."),
+]
 
 
 def plant(
@@ -14,6 +24,7 @@ def plant(
     json: Json = False,
     gui: Gui = False,
     real_time: Urgent = False,
+    board: Board = DecidingBoard.PYTHON,
 ) -> None:
     """Be the plant on a CAN bus.
 
@@ -52,6 +63,7 @@ def plant(
                 urgent=real_time,
                 asked=asked,
                 tell=say,
+                board=board,
             )
         write_report(folder)
     say(str(run.timing))

@@ -24,6 +24,7 @@ from sim.run import Progress, RunResult, quiet, run_samples
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin, steps_per_period
 from softbot.errors import SimulationError
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.plant_node import PlantNode, board_limits
 from softbot.nodes.sequencer_node import ChamberSequencer, SequencerNode
 
@@ -41,10 +42,12 @@ def run_lockstep(
     gui: bool = False,
     sequencer: ChamberSequencer | None = None,
     gains: PressureLoopGains | None = None,
+    board: DecidingBoard = DecidingBoard.PYTHON,
 ) -> RunResult:
     """Run a scene that a sequencer drives. Raises SimulationError when it fails; what was recorded is kept.
 
-    `sequencer` and `gains` (of the pressure loop) stand in for those that follow from the scene.
+    `sequencer` and `gains` (of the pressure loop) stand in for those that follow from the scene; `board` is the
+    implementation of the board's rules that decides.
     """
     board_limits(scene.robot)  # refuses before anything is written
     with ExitStack() as stack:
@@ -52,7 +55,7 @@ def run_lockstep(
         stack.callback(twin.close)
         own = SequencerNode(scene, sequencer)
         recorder = Recorder(scene, run_dir, record=record)
-        plant = PlantNode(scene, twin, recorder, gains)
+        plant = PlantNode(scene, twin, recorder, gains, board)
         channel = f"softbot-lockstep-{next(_channels)}"
         board_bus = stack.enter_context(opened("virtual", channel))
         sequencer_bus = stack.enter_context(opened("virtual", channel))

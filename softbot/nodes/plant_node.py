@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.pressure_loop import PressureLoopGains
-from firmware_protocol.board import BoardLimits, BoardRules
+from firmware_protocol.board_limits import BoardLimits
 from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import LimitsError
 from firmware_protocol.frame import Frame
@@ -24,6 +24,7 @@ from sim.scene import Scene
 from sim.twins import steps_per_period
 from softbot.errors import InputError
 from softbot.faults import CHAMBER_COUNT
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.heard import Heard
 from softbot.nodes.valve_loop import ValveLoop
 from softbot.robot import Robot
@@ -47,10 +48,20 @@ def board_limits(robot: Robot) -> BoardLimits:
 
 
 class PlantNode:
-    """Valve board and robot of one scene. `twin` and `recorder` belong to the caller, who closes them."""
+    """Valve board and robot of one scene. `twin` and `recorder` belong to the caller, who closes them.
 
-    def __init__(self, scene: Scene, twin: Twin, recorder: Recorder, gains: PressureLoopGains | None = None) -> None:
-        self.rules = BoardRules(board_limits(scene.robot), challenge_seed=1 + scene.solver.seed % _CHALLENGES)
+    `board` is the implementation of the board's rules that decides.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        twin: Twin,
+        recorder: Recorder,
+        gains: PressureLoopGains | None = None,
+        board: DecidingBoard = DecidingBoard.PYTHON,
+    ) -> None:
+        self.rules = board.rules(board_limits(scene.robot), 1 + scene.solver.seed % _CHALLENGES)
         self.plant = Plant(scene.robot, twin, scene.fault, scene.world.gravity_m_s2, scene.solver.seed)
         self.heard = Heard()
         self._twin, self._recorder = twin, recorder

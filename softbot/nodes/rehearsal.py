@@ -15,6 +15,7 @@ from sim.recorder import Recorder
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin
 from softbot.faults import CHAMBER_COUNT
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.plant_node import PlantNode, board_limits
 from softbot.nodes.sequencer_node import SequencerNode
 
@@ -24,11 +25,13 @@ _GRAVITY_M_S2 = 9.81
 _LOW_SHARE = 0.2
 
 
-def rehearse_plant(scene: Scene, gains: PressureLoopGains | None = None) -> None:
+def rehearse_plant(
+    scene: Scene, gains: PressureLoopGains | None = None, board: DecidingBoard = DecidingBoard.PYTHON
+) -> None:
     """Board, pressure loop and a throw-away robot, armed and given low pressures. Raises what a plant raises."""
     twin = make_twin(scene)
     try:
-        node = PlantNode(scene, twin, Recorder(scene, None), gains)
+        node = PlantNode(scene, twin, Recorder(scene, None), gains, board)
         link = SequencerLink()
         link.arm()
         setpoints_Pa = [_LOW_SHARE * scene.robot.max_pressure_Pa] * CHAMBER_COUNT

@@ -29,6 +29,7 @@ from sim.run import Progress, RunResult, quiet
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin, steps_per_period
 from softbot.errors import InputError, SimulationError
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.fixed_rate import FixedRate, LoopTiming
 from softbot.nodes.lockstep import BUS_LOG
 from softbot.nodes.message_meter import MessageMeter, MessageTiming
@@ -104,13 +105,15 @@ def run_plant(
     asked: threading.Event | None = None,
     tell: Callable[[str], None] = silent,
     watch: Callable[[PlantNode], None] = lambda node: None,
+    board: DecidingBoard = DecidingBoard.PYTHON,
 ) -> PlantRun:
     """Valve board and robot on a bus, for the scene's duration or until `stop` is set.
 
     Records what the plant alone can know: the truth of the robot, and of the sequencer what it said on the bus. When
     the bus fails (link down, bus-off) the board vents and stays latched; a bus that does not come back within 2 s ends
     the run. `urgent` asks for real-time priority. Whenever `asked` is set, `tell` is given how the loop keeps time;
-    `watch` is shown the node in each cycle once the valves are set.
+    `watch` is shown the node in each cycle once the valves are set. `board` is the implementation of the board's rules
+    that decides.
     Raises InputError for a scene that cannot be run, BusError when the bus cannot be opened, SimulationError when the
     simulation or the bus fails in the run; what was recorded is kept.
     """
@@ -118,13 +121,13 @@ def run_plant(
     check_drive(scene, "plant")
     board_limits(scene.robot)
     warm_up(scene)
-    rehearse_plant(scene, gains)
+    rehearse_plant(scene, gains, board)
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(open_live(interface, channel))
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
         recorder = Recorder(scene, run_dir)
-        node = PlantNode(scene, twin, recorder, gains)
+        node = PlantNode(scene, twin, recorder, gains, board)
         trace = stack.enter_context(TraceWriter(run_dir / BUS_LOG)) if run_dir is not None else None
         tell_granted(stack.enter_context(real_time(urgent)), tell)
         outcome = "done"

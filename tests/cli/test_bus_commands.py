@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from controllers.interface import Detection, SequencerState
+from firmware_protocol.c_board import CBoardRules
 from firmware_protocol.enumerations import BoardMode
 from firmware_protocol.sequencer_link import LinkFailure, SequencerLink
 from softbot.cli.sequence import Narrator
@@ -27,6 +28,29 @@ def test_a_plant_runs_for_the_scenes_time_and_is_reported(softbot: Any, scene_fi
     assert (summary["outcome"], summary["sim_time_s"]) == ("done", 0.5)
     assert "50 cycles of 10 ms" in result.stderr
     assert Path("here/report.html").exists()
+
+
+def test_a_plant_may_let_the_c_reference_decide(
+    softbot: Any, scene_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boards = []
+    run = wall_clock.run_plant
+    monkeypatch.setattr(
+        wall_clock,
+        "run_plant",
+        lambda *args, **options: run(*args, **options, watch=lambda node: boards.append(type(node.rules))),
+    )
+    result = softbot("plant", scene_file, *VIRTUAL, "--board", "c", "--out", "here", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["outcome"] == "done"
+    assert set(boards) == {CBoardRules}
+
+
+def test_a_board_that_there_is_not_ends_with_2_and_the_choice(softbot: Any, scene_file: Path) -> None:
+    result = softbot("plant", scene_file, *VIRTUAL, "--board", "rust")
+    assert result.exit_code == 2
+    assert "python" in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 def test_a_sequencer_without_a_board_waits_for_it(softbot: Any, scene_file: Path) -> None:

@@ -15,6 +15,7 @@ from firmware_protocol.sequencer_link import SequencerLink
 from sim.recorder import Recorder
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.plant_node import PlantNode
 
 MakeScene = Callable[..., Scene]
@@ -25,9 +26,9 @@ LOOP_OVERSHOOT = 1.05
 class Attack:
     """A plant node, and a client whose setpoints are a function of time and chamber."""
 
-    def __init__(self, scene: Scene, gains: PressureLoopGains) -> None:
+    def __init__(self, scene: Scene, gains: PressureLoopGains, board: DecidingBoard = DecidingBoard.PYTHON) -> None:
         self.twin = make_twin(scene)
-        self.node = PlantNode(scene, self.twin, Recorder(scene, None), gains)
+        self.node = PlantNode(scene, self.twin, Recorder(scene, None), gains, board)
         self.link = SequencerLink()
         self.link.arm()
         self.highest_Pa = 0.0
@@ -49,9 +50,9 @@ class Attack:
             self.highest_Pa = max(self.highest_Pa, float(self.node.plant.pressure_Pa[:4].max()))
 
 
-@pytest.fixture
-def attack(make_scene: MakeScene, gains: PressureLoopGains) -> Iterator[Attack]:
-    made = Attack(make_scene(), gains)
+@pytest.fixture(params=list(DecidingBoard))
+def attack(make_scene: MakeScene, gains: PressureLoopGains, request: pytest.FixtureRequest) -> Iterator[Attack]:
+    made = Attack(make_scene(), gains, request.param)
     yield made
     made.twin.close()
 

@@ -15,6 +15,7 @@ from sim.recorder import Recorder
 from sim.scene import CONTROL_PERIOD_S, Scene
 from sim.twins import make_twin
 from softbot.errors import InputError
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.plant_node import PlantNode, board_limits
 
 MakeScene = Callable[..., Scene]
@@ -23,10 +24,10 @@ MakeScene = Callable[..., Scene]
 class Bench:
     """A plant node and a link joined by lists of frames, in lock-step."""
 
-    def __init__(self, scene: Scene, gains: PressureLoopGains) -> None:
+    def __init__(self, scene: Scene, gains: PressureLoopGains, board: DecidingBoard = DecidingBoard.PYTHON) -> None:
         self.twin = make_twin(scene)
         self.recorder = Recorder(scene, None)
-        self.node = PlantNode(scene, self.twin, self.recorder, gains)
+        self.node = PlantNode(scene, self.twin, self.recorder, gains, board)
         self.link = SequencerLink()
         self.setpoint_Pa = [0.0] * 4
         self.link_is_up = True
@@ -51,9 +52,9 @@ class Bench:
         return self.recorder.finish(0, 1.0, "done")[1].column(name).to_pylist()
 
 
-@pytest.fixture
-def bench(make_scene: MakeScene, gains: PressureLoopGains) -> Iterator[Bench]:
-    made = Bench(make_scene(), gains)
+@pytest.fixture(params=list(DecidingBoard))
+def bench(make_scene: MakeScene, gains: PressureLoopGains, request: pytest.FixtureRequest) -> Iterator[Bench]:
+    made = Bench(make_scene(), gains, request.param)
     yield made
     made.twin.close()
 

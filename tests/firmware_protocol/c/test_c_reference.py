@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +42,14 @@ def test_each_file_compiles_for_a_machine_without_an_operating_system(tmp_path: 
     for path in write_c_reference(tmp_path):
         if path.suffix == ".c":
             compile_c([path], path.with_suffix(".o"), ("-c", "-ffreestanding", "-O2"))
+
+
+def test_the_example_of_the_documentation_compiles_as_it_stands(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "firmware.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```c\n(.*?)```", page, flags=re.DOTALL)
+    write_c_reference(tmp_path)
+    (tmp_path / "example.c").write_text(example, encoding="utf-8")
+    compile_c([tmp_path / "example.c"], tmp_path / "example.o", ("-c", "-ffreestanding", "-O2"))
 
 
 def test_the_same_dbc_gives_the_same_folder(tmp_path: Path) -> None:
