@@ -1,8 +1,8 @@
 """Hardware in the loop: the two nodes on a bus, in wall-clock time; the same tests on every kind of bus.
 
-`virtual` joins threads of one process, `socketcan` is the kernel's vcan0. What they measure is the machine as well as
-the program, so they want it for themselves: all carry the marker `vcan` and are run by `make test-vcan`, inside
-`.ci/vcan.sh`, and by nothing else. Without vcan they fail; they are never skipped.
+`virtual` joins threads of one process, `hub` a socket, `socketcan` is the kernel's vcan0. What they measure is the
+machine as well as the program, so they want it for themselves: all carry the marker `vcan` and are run by
+`make test-vcan`, inside `.ci/vcan.sh`, and by nothing else. Without vcan they fail; they are never skipped.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def transport_named(interface: str) -> Transport:
     return (interface, f"hil-{next(_numbers)}")
 
 
-TRANSPORTS = ["virtual", "socketcan"]
+TRANSPORTS = ["virtual", "hub", "socketcan"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
