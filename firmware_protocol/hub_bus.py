@@ -22,7 +22,7 @@ from firmware_protocol.hub import EXTENDED, GREETING, OWN, RECORD, REMOTE, RETUR
 _START_S = 10.0
 _LINGER_S = 3.0
 _GREETING_S = 2.0
-_SEND_BUFFER_BYTES = 16384  # some dozens of frames: a bus that is full is to be noticed soon
+_SEND_BUFFER_BYTES = 65536  # some hundred frames: a bus that is full is to be noticed before seconds have passed
 
 
 class HubBus(can.BusABC):

@@ -120,13 +120,13 @@ def run_plant(
     warm_up(scene)
     rehearse_plant(scene, gains)
     with contextlib.ExitStack() as stack:
+        tell_granted(stack.enter_context(real_time(urgent)), tell)
         bus = stack.enter_context(open_live(interface, channel))
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
         recorder = Recorder(scene, run_dir)
         node = PlantNode(scene, twin, recorder, gains)
         trace = stack.enter_context(TraceWriter(run_dir / BUS_LOG)) if run_dir is not None else None
-        tell_granted(stack.enter_context(real_time(urgent)), tell)
         outcome = "done"
         failure: SimulationError | None = None
         lost: LostBus | None = None
@@ -184,7 +184,7 @@ def run_sequencer(
     if sequencer is None:
         rehearse_sequencer(scene)
     node = SequencerNode(scene, sequencer)
-    with open_live(interface, channel) as bus, real_time(urgent) as granted:
+    with real_time(urgent) as granted, open_live(interface, channel) as bus:
         tell_granted(granted, tell)
         end = BusEnd(bus, LAST_MEASUREMENT, None)
         ends_s: float | None = None
