@@ -26,3 +26,11 @@ Channel = Annotated[str, typer.Option(help="Channel of the bus, as python-can na
 Urgent = Annotated[
     bool, typer.Option("--real-time", help="Ask for real-time priority and for memory that is not swapped out.")
 ]
+BusFaultFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--bus-faults",
+        metavar="FAULTS.toml",
+        help="Faults of the bus at this end ([[bus_fault]] tables); the file may be edited in the run.",
+    ),
+]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from softbot.cli.options import Assignments, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
+from softbot.cli.options import Assignments, BusFaultFile, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
 
 
 def plant(
@@ -14,6 +14,7 @@ def plant(
     json: Json = False,
     gui: Gui = False,
     real_time: Urgent = False,
+    bus_faults: BusFaultFile = None,
 ) -> None:
     """Be the plant on a CAN bus.
 
@@ -52,6 +53,7 @@ def plant(
                 urgent=real_time,
                 asked=asked,
                 tell=say,
+                bus_faults=bus_faults or (),
             )
         write_report(folder)
     say(str(run.timing))

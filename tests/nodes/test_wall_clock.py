@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -16,6 +17,7 @@ import pytest
 
 from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol.bus import opened
+from firmware_protocol.bus_faults import BusFault, BusFaultKind
 from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import BusError
 from firmware_protocol.sequencer_link import LinkFailure
@@ -193,6 +195,50 @@ def test_a_bus_that_comes_back_finds_the_board_latched(
     assert run.result.summary["outcome"] == "done"
     assert set(reasons[:10]) == {SafeReason.POWER_UP}
     assert set(reasons[10:]) == {SafeReason.BUS_OFF}
+
+
+def test_a_plant_with_a_faulty_end_of_the_bus_latches_for_it(make_scene: MakeScene, gains: PressureLoopGains) -> None:
+    faults = (
+        BusFault(BusFaultKind.BUS_OFF, start_s=0.2, duration_s=0.1),
+        BusFault(BusFaultKind.CLOCK_JUMP, start_s=0.3, jump_s=-5.0),
+    )
+    reasons = []
+    run = run_plant(
+        make_scene(),
+        "virtual",
+        "wall-clock-faulty",
+        gains=gains,
+        bus_faults=faults,
+        watch=lambda node: reasons.append(node.rules.state.reason),
+    )
+    assert run.result.summary["outcome"] == "done"
+    assert list(dict.fromkeys(reasons)) == [SafeReason.POWER_UP, SafeReason.BUS_OFF]  # the first reason stays
+
+
+def test_the_sequencer_reads_its_faults_from_a_file_and_is_told_of_changes(
+    make_scene: MakeScene, scripted: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "faults.toml"
+    path.write_text("[[bus_fault]]\nkind = 'drop'\n")
+    told: list[str] = []
+
+    cycles = itertools.count()
+
+    def edit(node: Any) -> None:
+        if next(cycles) == 2:
+            path.write_text("[[bus_fault]]\nkind = 'silence'\n")
+
+    run_sequencer(
+        make_scene(),
+        "virtual",
+        "wall-clock-fault-file",
+        duration_s=0.4,
+        sequencer=scripted(),
+        bus_faults=path,
+        tell=told.append,
+        report=edit,
+    )
+    assert told == ["faults of the bus from now on: silence"]
 
 
 def test_the_robot_moves_on_while_its_board_is_held_up(make_scene: MakeScene, gains: PressureLoopGains) -> None:
