@@ -1,7 +1,8 @@
 """CAN buses by python-can's names, opened with one clear error, and frames over them.
 
-`virtual` joins nodes of one process and keeps the sender's timestamps (simulated time); `socketcan` is vcan
-and hardware on Linux; every other interface that python-can knows works by its name, with its own options.
+`virtual` joins nodes of one process and keeps the sender's timestamps (simulated time); `hub` joins programs of one
+machine (`hub_bus`); `socketcan` is vcan and hardware on Linux; every other interface that python-can knows works by its
+name, with its own options.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from firmware_protocol.spec import spec
 if TYPE_CHECKING:
     import can
 
-_WITHOUT_BITRATE = frozenset({"virtual", "socketcan", "udp_multicast"})
+HUB = "hub"
+_WITHOUT_BITRATE = frozenset({"virtual", "socketcan", "udp_multicast", HUB})
 """Interfaces whose bit rate is set elsewhere (`ip link set … bitrate`) or does not exist."""
 
 
@@ -36,8 +38,8 @@ def open_bus(
     """
     import can
 
-    if interface not in can.VALID_INTERFACES:
-        known = ", ".join(sorted(can.VALID_INTERFACES))
+    if interface not in can.VALID_INTERFACES | {HUB}:
+        known = ", ".join(sorted(can.VALID_INTERFACES | {HUB}))
         raise BusError(f"CAN interface {interface!r} (channel {channel!r}) is unknown; choose one of: {known}")
     if interface == "virtual":
         options.setdefault("preserve_timestamps", True)
@@ -46,6 +48,10 @@ def open_bus(
     if interface == "socketcan":
         options.setdefault("ignore_rx_error_frames", False)
     try:
+        if interface == HUB:  # known without the package's entry point, too
+            from firmware_protocol.hub_bus import HubBus
+
+            return HubBus(channel, receive_own_messages=receive_own_messages, **options)
         return can.Bus(
             channel,
             interface,
@@ -126,4 +132,6 @@ def _mend(interface: str, channel: str) -> str:
             f"for a virtual one, `sudo ip link set {channel} up type can bitrate {spec().bitrate_bit_s}` "
             "for an adapter"
         )
+    if interface == HUB:
+        return "`softbot hub --help` tells about channels"
     return "check that the adapter is plugged in, its driver installed, and channel and options right"

@@ -29,3 +29,7 @@ class TraceError(ProtocolError):
 
 class CompilerError(ProtocolError):
     """The C reference cannot be written or compiled. The message says what is missing, or what the compiler said."""
+
+
+class BusFaultError(ProtocolError):
+    """A fault of the bus that cannot be injected. The message names file, key and the mend."""

@@ -13,6 +13,7 @@ from softbot.cli.calibrate import calibrate
 from softbot.cli.demo import demo
 from softbot.cli.exit_status import with_exit_status
 from softbot.cli.figure import figure
+from softbot.cli.hub import hub
 from softbot.cli.materials import materials
 from softbot.cli.plant import plant
 from softbot.cli.predict import predict
@@ -40,6 +41,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "pressure-loop": pressure_loop,
     "plant": plant,
     "sequence": sequence,
+    "hub": hub,
     "bench": bench,
     "figure": figure,
 }

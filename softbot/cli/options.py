@@ -21,8 +21,16 @@ Out = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Gui = Annotated[bool, typer.Option("--gui", help="Show PyBullet's window (segment twin only).")]
 WallClock = Annotated[bool, typer.Option("--wall-clock", help="Not faster than real time, for watching.")]
-Interface = Annotated[str, typer.Option(help="python-can's name of the bus: socketcan, virtual, pcan, …")]
+Interface = Annotated[str, typer.Option(help="python-can's name of the bus: socketcan, hub, slcan, pcan, …")]
 Channel = Annotated[str, typer.Option(help="Channel of the bus, as python-can names it.")]
 Urgent = Annotated[
     bool, typer.Option("--real-time", help="Ask for real-time priority and for memory that is not swapped out.")
+]
+BusFaultFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--bus-faults",
+        metavar="FAULTS.toml",
+        help="Faults of the bus at this end ([[bus_fault]] tables); the file may be edited in the run.",
+    ),
 ]

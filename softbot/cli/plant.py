@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from softbot.cli.options import Assignments, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
+from softbot.cli.options import Assignments, BusFaultFile, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
 from softbot.nodes.deciding_board import DecidingBoard
 
 Board = Annotated[
@@ -25,6 +25,7 @@ def plant(
     gui: Gui = False,
     real_time: Urgent = False,
     board: Board = DecidingBoard.PYTHON,
+    bus_faults: BusFaultFile = None,
 ) -> None:
     """Be the plant on a CAN bus.
 
@@ -64,6 +65,7 @@ def plant(
                 asked=asked,
                 tell=say,
                 board=board,
+                bus_faults=bus_faults or (),
             )
         write_report(folder)
     say(str(run.timing))

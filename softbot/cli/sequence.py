@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softbot.cli.options import Assignments, Channel, Interface, Json, SceneFile, Urgent
+from softbot.cli.options import Assignments, BusFaultFile, Channel, Interface, Json, SceneFile, Urgent
 
 if TYPE_CHECKING:
     from softbot.nodes.sequencer_node import SequencerNode
@@ -22,6 +22,7 @@ def sequence(
     ] = None,
     json: Json = False,
     real_time: Urgent = False,
+    bus_faults: BusFaultFile = None,
 ) -> None:
     """Be the sequencer on a CAN bus.
 
@@ -52,6 +53,7 @@ def sequence(
             urgent=real_time,
             asked=asked,
             tell=say,
+            bus_faults=bus_faults or (),
         )
     say(str(run.timing))
     if json:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Union, cast
 
 from controllers.interface import Detection, Recovery, SequencerState
 from controllers.pressure_loop import PressureLoopGains
@@ -42,6 +42,11 @@ from softbot.nodes.warm_up import warm_up
 if TYPE_CHECKING:
     import can
 
+    from firmware_protocol.bus_faults import BusFault, FaultFile, FaultyBus
+
+BusFaults = Union[Path, "tuple[BusFault, ...]"]
+"""Faults of the bus at this end: given, or a file of them."""
+
 VENTING_S = 0.3
 """How long the plant goes on, vented, after it was told to stop."""
 OUTPUT_WATCHDOG_S = 0.1
@@ -50,6 +55,7 @@ LONGEST_CATCH_UP = 100
 """Periods that the robot moves on at once when its process was held up; of a longer stop the rest did not happen."""
 BUS_LOST_S = 2.0
 """How long the plant, vented, waits for a bus that failed."""
+_POLL_FAULTS_EVERY = 20  # cycles
 DISARMING_S = 0.1
 """How long the sequencer says disarm before it falls silent: five frames of it."""
 
@@ -106,6 +112,7 @@ def run_plant(
     tell: Callable[[str], None] = silent,
     watch: Callable[[PlantNode], None] = lambda node: None,
     board: DecidingBoard = DecidingBoard.PYTHON,
+    bus_faults: BusFaults = (),
 ) -> PlantRun:
     """Valve board and robot on a bus, for the scene's duration or until `stop` is set.
 
@@ -113,7 +120,7 @@ def run_plant(
     the bus fails (link down, bus-off) the board vents and stays latched; a bus that does not come back within 2 s ends
     the run. `urgent` asks for real-time priority. Whenever `asked` is set, `tell` is given how the loop keeps time;
     `watch` is shown the node in each cycle once the valves are set. `board` is the implementation of the board's rules
-    that decides.
+    that decides. `bus_faults` strike this end of the bus: given, or a file of them, which may be edited in the run.
     Raises InputError for a scene that cannot be run, BusError when the bus cannot be opened, SimulationError when the
     simulation or the bus fails in the run; what was recorded is kept.
     """
@@ -123,17 +130,17 @@ def run_plant(
     warm_up(scene)
     rehearse_plant(scene, gains, board)
     with contextlib.ExitStack() as stack:
-        bus = stack.enter_context(open_live(interface, channel))
+        tell_granted(stack.enter_context(real_time(urgent)), tell)
+        bus = stack.enter_context(open_live(interface, channel, bus_faults, scene.solver.seed))
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
         recorder = Recorder(scene, run_dir)
         node = PlantNode(scene, twin, recorder, gains, board)
         trace = stack.enter_context(TraceWriter(run_dir / BUS_LOG)) if run_dir is not None else None
-        tell_granted(stack.enter_context(real_time(urgent)), tell)
         outcome = "done"
         failure: SimulationError | None = None
         lost: LostBus | None = None
-        end = BusEnd(bus, "SequencerSetpoints", trace)
+        end = BusEnd(bus, "SequencerSetpoints", trace, bus_faults, tell)
         last = samples_of(scene)
         done = 0
         while done < last:
@@ -175,21 +182,22 @@ def run_sequencer(
     urgent: bool = False,
     asked: threading.Event | None = None,
     tell: Callable[[str], None] = silent,
+    bus_faults: BusFaults = (),
 ) -> SequencerRun:
     """The sequencer on a bus, until `stop` is set, `duration_s` is over or the link fails after it was armed.
 
-    `report` is shown the node after each cycle; `urgent`, `asked` and `tell` are as for the plant. Raises InputError
-    for a scene that no sequencer drives, BusError when the bus cannot be opened, SimulationError when the sequencer or
-    the bus fails on the way (the board is told to stop first, where that is possible).
+    `report` is shown the node after each cycle; `urgent`, `asked`, `tell` and `bus_faults` are as for the plant.
+    Raises InputError for a scene that no sequencer drives, BusError when the bus cannot be opened, SimulationError when
+    the sequencer or the bus fails on the way (the board is told to stop first, where that is possible).
     """
     stop = stop or threading.Event()
     check_drive(scene, "sequence")
     if sequencer is None:
         rehearse_sequencer(scene)
     node = SequencerNode(scene, sequencer)
-    with open_live(interface, channel) as bus, real_time(urgent) as granted:
+    with real_time(urgent) as granted, open_live(interface, channel, bus_faults, scene.solver.seed) as bus:
         tell_granted(granted, tell)
-        end = BusEnd(bus, LAST_MEASUREMENT, None)
+        end = BusEnd(bus, LAST_MEASUREMENT, None, bus_faults, tell)
         ends_s: float | None = None
         while True:
             t_s = end.loop.wait()
@@ -250,17 +258,37 @@ def catch_up(node: PlantNode, periods: int) -> int:
 class BusEnd:
     """A node's loop on a bus, and how it keeps time; `answered` is the message whose answer is timed."""
 
-    def __init__(self, bus: can.BusABC, answered: str, trace: TraceWriter | None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        answered: str,
+        trace: TraceWriter | None,
+        bus_faults: BusFaults,
+        tell: Callable[[str], None],
+    ) -> None:
+        self._faulty: FaultyBus | None = None
+        self._fault_file: FaultFile | None = None
+        if bus_faults:
+            self._faulty = cast("FaultyBus", bus)
+            self._faulty.faults = self._faulty.faults  # their time begins with the loop
+            if isinstance(bus_faults, Path):
+                from firmware_protocol.bus_faults import FaultFile
+
+                self._fault_file = FaultFile(bus_faults, self._faulty, tell)
         self.loop = FixedRate(CONTROL_PERIOD_S)
         self._bus, self._trace = bus, trace
         self._meter = MessageMeter(answered)
+        self._cycles = 0
 
     def exchange(self, t_s: float, cycle: Callable[[float, list[Frame]], list[Frame]]) -> None:
         """One cycle: all that has come in, all that is due out. Raises BusError; the cycle may then not have been."""
+        self._cycles += 1
+        if self._fault_file is not None and self._cycles % _POLL_FAULTS_EVERY == 0:
+            self._fault_file.poll()
         stamped = list(drain(self._bus))
         came = [frame for frame, _ in stamped]
         self._meter.came(stamped)
-        out = cycle(t_s, came)
+        out = cycle(t_s if self._faulty is None else t_s + self._faulty.clock_offset_s(), came)
         send(self._bus, out, t_s)
         self._meter.acted()
         if self._trace is not None:
@@ -277,9 +305,24 @@ class BusEnd:
         return RealTime(self.loop.timing(), self._meter.timing())
 
 
-def open_live(interface: str, channel: str) -> contextlib.AbstractContextManager[can.BusABC]:
-    """A bus whose time stamps are the machine's wall clock, where it can be asked for that."""
-    return opened(interface, channel, **({"preserve_timestamps": False} if interface == "virtual" else {}))
+@contextlib.contextmanager
+def open_live(interface: str, channel: str, bus_faults: BusFaults = (), seed: int = 0) -> Iterator[can.BusABC]:
+    """A bus, with its faults, whose time stamps are the machine's wall clock where it can be asked for that."""
+    given: tuple[BusFault, ...] = ()
+    if bus_faults:
+        from firmware_protocol.bus_faults import FaultyBus, read_bus_faults
+
+        given = read_bus_faults(bus_faults) if isinstance(bus_faults, Path) else bus_faults
+    stamps = {"preserve_timestamps": False} if interface == "virtual" else {}
+    with opened(interface, channel, **stamps) as bus:
+        if not bus_faults:
+            yield bus
+            return
+        faulty = FaultyBus(bus, given, seed=seed)
+        try:
+            yield faulty
+        finally:
+            faulty.shutdown()
 
 
 def check_drive(scene: Scene, command: str) -> None:

@@ -1,15 +1,19 @@
 """Hardware in the loop: the two nodes on a bus, in wall-clock time; the same tests on every kind of bus.
 
-`virtual` joins threads of one process, `socketcan` is the kernel's vcan0. What they measure is the machine as well as
-the program, so they want it for themselves: all carry the marker `vcan` and are run by `make test-vcan`, inside
-`.ci/vcan.sh`, and by nothing else. Without vcan they fail; they are never skipped.
+`virtual` joins threads of one process, `hub` a socket, `socketcan` is the kernel's vcan0. What they measure is the
+machine as well as the program, so they want it for themselves: all carry the marker `vcan` and are run by
+`make test-vcan`, inside `.ci/vcan.sh`, and by nothing else. Without vcan they fail; they are never skipped.
 """
 
 from __future__ import annotations
 
+import gc
 import itertools
+import multiprocessing
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,7 +38,7 @@ def transport_named(interface: str) -> Transport:
     return (interface, f"hil-{next(_numbers)}")
 
 
-TRANSPORTS = ["virtual", "socketcan"]
+TRANSPORTS = ["virtual", "hub", "socketcan"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -53,6 +57,47 @@ def transport(request: pytest.FixtureRequest) -> Transport:
 def shared_transport(request: pytest.FixtureRequest) -> Transport:
     """Each kind of bus in turn, for a run that several tests look at."""
     return transport_named(request.param)
+
+
+class Beside:
+    """Work done beside the test: in a forked process, or on the virtual bus, which ends there, in a thread.
+
+    `result` waits for what it returned and raises what it raised. `stop` is handed to the work and set by the test.
+    """
+
+    def __init__(self, transport: Transport, work: Callable[[Any], Any]) -> None:
+        forking = multiprocessing.get_context("fork")
+        virtual = transport[0] == "virtual"
+        self.stop = threading.Event() if virtual else forking.Event()
+        self._receiver, sender = forking.Pipe(duplex=False)
+
+        def run() -> None:
+            try:
+                sender.send((work(self.stop), None))
+            except BaseException as error:
+                sender.send((None, error))
+            sender.close()
+
+        self.worker: Any = threading.Thread(target=run) if virtual else forking.Process(target=run)
+        gc.collect()
+        gc.freeze()  # or the child's collector would touch, and thereby copy, all the memory that it shares
+        self.worker.start()
+
+    def result(self, wait_s: float = 30.0) -> Any:
+        self.stop.set()
+        assert self._receiver.poll(wait_s), "it did not end"
+        value, error = self._receiver.recv()
+        self._receiver.close()
+        self.worker.join(wait_s)
+        if error is not None:
+            raise error
+        return value
+
+
+@pytest.fixture(scope="session")
+def beside() -> type[Beside]:
+    """Call it with a transport and the work to do."""
+    return Beside
 
 
 @pytest.fixture(scope="session")

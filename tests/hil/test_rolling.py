@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,29 +18,25 @@ from sim.scene import Scene
 from sim.telemetry import read_telemetry
 from softbot.nodes.wall_clock import PlantRun, SequencerRun, run_plant, run_sequencer
 
-FAULT_S, END_S = 3.0, 7.0
+FAULT_S, END_S = 4.0, 8.0
 
 
 class Rolled:
     """The two ends' outcomes and the plant's run folder."""
 
-    def __init__(self, scene: Scene, gains: PressureLoopGains, transport: tuple[str, str], folder: Path) -> None:
-        stop = threading.Event()
+    def __init__(self, scene: Scene, gains: PressureLoopGains, transport: tuple[str, str], beside: Any, folder: Path):
         self.folder = folder
-        self.sequenced: SequencerRun | None = None
-
-        def sequence() -> None:
-            self.sequenced = run_sequencer(scene, *transport, stop=stop)
-
-        other = threading.Thread(target=sequence)
-        other.start()
+        other = beside(transport, lambda stop: run_sequencer(scene, *transport, stop=stop))
         try:
             self.planted: PlantRun = run_plant(
-                scene, *transport, folder, gains=gains, progress=lambda t_s: stop.set() if t_s > END_S - 0.3 else None
+                scene,
+                *transport,
+                folder,
+                gains=gains,
+                progress=lambda t_s: other.stop.set() if t_s > END_S - 0.3 else None,
             )
         finally:
-            stop.set()
-            other.join(20.0)
+            self.sequenced: SequencerRun = other.result()
 
     @property
     def summary(self) -> dict:
@@ -52,10 +48,12 @@ def rolled(
     shared_transport: tuple[str, str],
     damaged_scene: Callable[..., Scene],
     gains: PressureLoopGains,
+    beside: Any,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Rolled:
-    scene = damaged_scene(f"fault.0.t_s={FAULT_S}", f"solver.duration_s={END_S}")
-    return Rolled(scene, gains, shared_transport, tmp_path_factory.mktemp("rolled") / "run")
+    # On the virtual bus both ends are one process: nothing is armed before both have started.
+    scene = damaged_scene(f"fault.0.t_s={FAULT_S}", f"solver.duration_s={END_S}", "sequencer.start_s=1")
+    return Rolled(scene, gains, shared_transport, beside, tmp_path_factory.mktemp("rolled") / "run")
 
 
 def test_it_was_armed_by_the_handshake_and_only_then_pressurised(rolled: Rolled) -> None:
@@ -94,7 +92,6 @@ def test_it_rolls_on_in_the_same_direction(rolled: Rolled) -> None:
 
 
 def test_no_command_is_lost_and_the_board_never_vents(rolled: Rolled) -> None:
-    assert rolled.sequenced is not None
     assert rolled.sequenced.link_failure is LinkFailure.NONE
     for timing in (rolled.planted.timing.link, rolled.sequenced.timing.link):
         assert (timing.lost, timing.refused) == (0, 0)

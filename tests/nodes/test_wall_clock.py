@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -16,6 +17,7 @@ import pytest
 
 from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol.bus import opened
+from firmware_protocol.bus_faults import BusFault, BusFaultKind
 from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import BusError
 from firmware_protocol.sequencer_link import LinkFailure
@@ -46,7 +48,7 @@ class Thread(threading.Thread):
             self._error = error
 
     def finish(self) -> Any:
-        self.join(timeout=20.0)
+        self.join(timeout=60.0)
         assert not self.is_alive()
         if self._error is not None:
             raise self._error
@@ -64,7 +66,7 @@ def test_both_ends_meet_on_a_bus_and_stop_when_told(
     other = Thread(lambda: run_sequencer(scene, "virtual", channel, stop=stop_sequencer, sequencer=sequencer))
     plant.start()
     other.start()
-    deadline_s = time.monotonic() + 10.0
+    deadline_s = time.monotonic() + 40.0
     while (sequencer.armed_since_s is None or sequencer.script) and time.monotonic() < deadline_s:
         time.sleep(0.05)
     time.sleep(0.4)
@@ -195,6 +197,50 @@ def test_a_bus_that_comes_back_finds_the_board_latched(
     assert set(reasons[10:]) == {SafeReason.BUS_OFF}
 
 
+def test_a_plant_with_a_faulty_end_of_the_bus_latches_for_it(make_scene: MakeScene, gains: PressureLoopGains) -> None:
+    faults = (
+        BusFault(BusFaultKind.BUS_OFF, start_s=0.2, duration_s=0.1),
+        BusFault(BusFaultKind.CLOCK_JUMP, start_s=0.3, jump_s=-5.0),
+    )
+    reasons = []
+    run = run_plant(
+        make_scene(),
+        "virtual",
+        "wall-clock-faulty",
+        gains=gains,
+        bus_faults=faults,
+        watch=lambda node: reasons.append(node.rules.state.reason),
+    )
+    assert run.result.summary["outcome"] == "done"
+    assert list(dict.fromkeys(reasons)) == [SafeReason.POWER_UP, SafeReason.BUS_OFF]  # the first reason stays
+
+
+def test_the_sequencer_reads_its_faults_from_a_file_and_is_told_of_changes(
+    make_scene: MakeScene, scripted: Any, tmp_path: Path
+) -> None:
+    path = tmp_path / "faults.toml"
+    path.write_text("[[bus_fault]]\nkind = 'drop'\n")
+    told: list[str] = []
+
+    cycles = itertools.count()
+
+    def edit(node: Any) -> None:
+        if next(cycles) == 2:
+            path.write_text("[[bus_fault]]\nkind = 'silence'\n")
+
+    run_sequencer(
+        make_scene(),
+        "virtual",
+        "wall-clock-fault-file",
+        duration_s=0.4,
+        sequencer=scripted(),
+        bus_faults=path,
+        tell=told.append,
+        report=edit,
+    )
+    assert told == ["faults of the bus from now on: silence"]
+
+
 def test_the_robot_moves_on_while_its_board_is_held_up(make_scene: MakeScene, gains: PressureLoopGains) -> None:
     held_up = False
 
@@ -254,7 +300,7 @@ def test_a_simulation_that_fails_keeps_its_recording(
         return advance_plant(*args)
 
     monkeypatch.setattr(wall_clock, "warm_up", lambda scene: None)
-    monkeypatch.setattr(wall_clock, "rehearse_plant", lambda scene, gains: None)
+    monkeypatch.setattr(wall_clock, "rehearse_plant", lambda scene, gains, board: None)
     monkeypatch.setattr(Plant, "advance", advance)
     with pytest.raises(SimulationError, match="not finite"):
         run_plant(make_scene(), "virtual", "wall-clock-nan", tmp_path, gains=gains)
