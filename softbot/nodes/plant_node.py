@@ -21,7 +21,7 @@ from sim.body import Twin
 from sim.plant import Plant
 from sim.recorder import Recorder
 from sim.scene import Scene
-from sim.twins import steps_per_period
+from sim.twins import steps_per_period, world_of
 from softbot.errors import InputError
 from softbot.faults import CHAMBER_COUNT
 from softbot.nodes.heard import Heard
@@ -51,7 +51,8 @@ class PlantNode:
 
     def __init__(self, scene: Scene, twin: Twin, recorder: Recorder, gains: PressureLoopGains | None = None) -> None:
         self.rules = BoardRules(board_limits(scene.robot), challenge_seed=1 + scene.solver.seed % _CHALLENGES)
-        self.plant = Plant(scene.robot, twin, scene.fault, scene.world.gravity_m_s2, scene.solver.seed)
+        gravity_m_s2 = world_of(scene).gravity_vector_m_s2
+        self.plant = Plant(scene.robot, twin, scene.fault, gravity_m_s2, scene.solver.seed)
         self.heard = Heard()
         self._twin, self._recorder = twin, recorder
         self._steps = steps_per_period(twin.step_s)

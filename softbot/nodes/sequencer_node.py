@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.interface import Command, Detection, Order, Recovery, SequencerOutput, SequencerState
 from firmware_protocol import enumerations
@@ -77,6 +78,7 @@ class SequencerNode:
         self._output = SequencerOutput(np.zeros(4), SequencerState.DISARMED, False)
         self._next_try_s = -math.inf
         self._clock = _BoardClock()
+        self._opening: NDArray[np.float64] | None = None
 
     @property
     def state(self) -> SequencerState:
@@ -155,13 +157,15 @@ class SequencerNode:
             or new.specific_force_m_s2 is None
         ):
             return None
+        commanded = np.array(new.openings)  # from this sampling on; what acted until it was told before
+        acted, self._opening = commanded if self._opening is None else self._opening, commanded
         return Readings(
             t_s=self._clock.here_s(new.sample_time_s, t_s),
             pressure_Pa=np.array(new.pressures_Pa),
             supply_Pa=new.supply_pressure_Pa,
             gyro_rad_s=np.array(new.angular_velocity_rad_s),
             accelerometer_m_s2=np.array(new.specific_force_m_s2),
-            opening=np.array(new.openings),
+            opening=acted,
         )
 
 
