@@ -440,3 +440,8 @@ def run_direct(
     recorder.events.detections = [asdict(found) for found in run.detections()]
     recorder.events.recoveries = [asdict(answer) for answer in run.recoveries()]
     return RunResult(*recorder.finish(run.plant.steps, run.plant.t_s, "done"))
+
+
+def warm_up(scene: Scene) -> None:
+    """Compile what a run without a bus needs, so that a campaign's processes find it on disk."""
+    DirectRun(scene).advance(1)

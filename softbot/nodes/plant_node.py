@@ -47,16 +47,26 @@ def board_limits(robot: Robot) -> BoardLimits:
 
 
 class PlantNode:
-    """Valve board and robot of one scene. `twin` and `recorder` belong to the caller, who closes them."""
+    """Valve board and robot of one scene. `twin` and `recorder` belong to the caller, who closes them.
 
-    def __init__(self, scene: Scene, twin: Twin, recorder: Recorder, gains: PressureLoopGains | None = None) -> None:
-        self.rules = BoardRules(board_limits(scene.robot), challenge_seed=1 + scene.solver.seed % _CHALLENGES)
+    known: the robot that the board believes in; None: the scene's own.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        twin: Twin,
+        recorder: Recorder,
+        gains: PressureLoopGains | None = None,
+        known: Robot | None = None,
+    ) -> None:
+        self.rules = BoardRules(board_limits(known or scene.robot), challenge_seed=1 + scene.solver.seed % _CHALLENGES)
         gravity_m_s2 = world_of(scene).gravity_vector_m_s2
         self.plant = Plant(scene.robot, twin, scene.fault, gravity_m_s2, scene.solver.seed)
         self.heard = Heard()
         self._twin, self._recorder = twin, recorder
         self._steps = steps_per_period(twin.step_s)
-        self._valves = ValveLoop(scene.robot, gains)
+        self._valves = ValveLoop(known or scene.robot, gains)
         self._opening: FloatArray = _VENTING
         self._main_supply_open = False
         self._command_Pa: FloatArray = np.zeros(CHAMBER_COUNT)

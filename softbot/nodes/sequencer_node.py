@@ -20,6 +20,7 @@ from firmware_protocol.enumerations import EmergencyReason, FaultKind, Health
 from firmware_protocol.frame import Frame
 from firmware_protocol.sequencer_link import LinkFailure, LinkState, SequencerLink
 from sim.scene import Scene
+from softbot.robot import Robot
 from softbot.sensing import Readings
 
 LAST_MEASUREMENT = "ImuAccelerometer"
@@ -45,13 +46,13 @@ class ChamberSequencer(Protocol):
         """One control cycle."""
 
 
-def make_sequencer(scene: Scene) -> ChamberSequencer:
-    """The sequencer of a scene's robot and `[sequencer]` table."""
+def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer:
+    """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table."""
     from controllers.sequencer import Sequencer, SequencerConfig
 
     own = scene.sequencer
     config = SequencerConfig.of(
-        scene.robot,
+        known or scene.robot,
         recovery=own.recovery,
         lead_rad=own.lead_rad,
         bend_rad=own.bend_rad,
