@@ -11,26 +11,143 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from softbot.actuator import ActuatorLaw
-from softbot.errors import SimulationError
-from softbot.sensing import Readings
+from controllers.commutation import wrapped
+from controllers.robot_model import RobotModel
+from softbot.actuator import _wall
+from softbot.cross_section import CHAMBERS
+from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
 
 STANDARD_GRAVITY_M_S2 = 9.81
 
+CORRECTION_1_S = 1.5
+BIAS_1_S2 = 0.15
+RATE_TIME_S = 0.15
+"""Gains of the complementary filter, and of the low-pass of the rate."""
 
-@dataclass(frozen=True)
-class RollFilterGains:
-    """Gains of the complementary filter and of the rate's low-pass."""
+_SETTLED = 1e-4  # of the last Newton step, in strain: the next would be its square
+_NEWTON_STEPS = 12
 
-    correction_1_s: float = 1.5
-    bias_1_s2: float = 0.15
-    rate_time_s: float = 0.15
+ESTIMATOR = np.dtype(
+    [
+        ("roll_rad", np.float64),
+        ("roll_rate_rad_s", np.float64),
+        ("bias_rad_s", np.float64),
+        ("curvature_1_m", np.float64, 2),
+        ("stretch", np.float64),
+        ("strain", np.float64, 3),
+        ("last_t_s", np.float64),
+        ("force", np.float64, 3),
+        ("stiffness", np.float64, (3, 3)),
+        ("load", np.float64, 3),
+        ("step", np.float64, 3),
+        ("trial", np.float64, 3),
+        ("volume_m3", np.float64, 4),
+    ],
+    align=True,
+)
+"""What the estimator believes and remembers, as a record. `volume_m3`: of the chambers by the law, dead volume not
+counted; the four before it are scratch."""
+
+
+def estimator_memory() -> Any:
+    """Memory of an estimator that has seen nothing, shape (1,) of ESTIMATOR."""
+    memory = np.zeros(1, ESTIMATOR).view(np.recarray)
+    memory[0]["stretch"] = 1.0
+    memory[0]["strain"] = (1.0, 0.0, 0.0)
+    memory[0]["last_t_s"] = math.nan
+    return memory
+
+
+@njit(cache=True)
+def follow_roll(own: Any, reading: Any) -> None:
+    """The roll after a reading. One that is not finite is bridged with the rate as it was."""
+    force_1, force_2, spin = reading.accelerometer_m_s2[0], reading.accelerometer_m_s2[1], reading.gyro_rad_s[2]
+    if math.isfinite(spin) and math.isfinite(force_1) and math.isfinite(force_2):
+        up_rad = math.atan2(force_1, force_2)
+        off = (math.hypot(force_1, force_2) / STANDARD_GRAVITY_M_S2 - 1.0) / 0.25
+        trust = math.exp(-off * off)
+    else:
+        spin, up_rad, trust = own.roll_rate_rad_s + own.bias_rad_s, own.roll_rad, 0.0
+    if math.isnan(own.last_t_s):
+        own.roll_rad = up_rad
+    else:
+        step_s = max(reading.t_s - own.last_t_s, 0.0)
+        rate = spin - own.bias_rad_s
+        own.roll_rad += step_s * rate
+        error = trust * wrapped(up_rad - own.roll_rad)
+        own.roll_rad += step_s * CORRECTION_1_S * error
+        own.bias_rad_s -= step_s * BIAS_1_S2 * error
+        own.roll_rate_rad_s += (rate - own.roll_rate_rad_s) * min(1.0, step_s / RATE_TIME_S)
+    own.last_t_s = reading.t_s
+
+
+@njit(cache=True)
+def solve_three(matrix: FloatArray, right: FloatArray, out: FloatArray) -> bool:
+    """Solve a symmetric 3 × 3 system by its adjugate. False when it is singular."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * aa + b * bb + c * cc
+    if not abs(determinant) > 0.0:
+        return False
+    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
+    out[0] = (aa * right[0] + bb * right[1] + cc * right[2]) / determinant
+    out[1] = (bb * right[0] + dd * right[1] + ee * right[2]) / determinant
+    out[2] = (cc * right[0] + ee * right[1] + ff * right[2]) / determinant
+    return True
+
+
+@njit(cache=True)
+def follow_bend(model: RobotModel, own: Any, pressure_Pa: FloatArray, usable: FloatArray) -> None:
+    """The bend at these pressures. usable (4,): 0 for a chamber taken as vented whatever its sensor says.
+
+    Pressures that no section could carry, or that are no numbers, leave what was believed before.
+    """
+    load, section = model.load, model.section
+    for a in range(3):
+        own.load[a] = 0.0
+    for i in range(CHAMBERS):
+        if not math.isfinite(pressure_Pa[i]):
+            return
+        effective_Pa = usable[i] * max(pressure_Pa[i] - model.dead_band_Pa, 0.0)
+        for a in range(3):
+            own.load[a] += load[a, i] * effective_Pa
+    for a in range(3):
+        own.trial[a] = own.strain[a]
+    settled = False
+    for _ in range(_NEWTON_STEPS):
+        if not _wall(*section, own.trial, own.force, own.stiffness):
+            break
+        for a in range(3):
+            own.force[a] = own.load[a] - own.force[a]
+        if not solve_three(own.stiffness, own.force, own.step):
+            break
+        reach = 1.0 / load[0, 0] * (abs(load[1, 0]) + abs(load[2, 0]))  # of a chamber from the axis
+        size = abs(own.step[0]) + reach * (abs(own.step[1]) + abs(own.step[2]))
+        share = min(1.0, 0.5 / size) if size > 0.0 else 1.0
+        for a in range(3):
+            own.trial[a] += share * own.step[a]
+        if size < _SETTLED:
+            settled = True
+            break
+    if settled:
+        for a in range(3):
+            own.strain[a] = own.trial[a]
+        own.stretch = own.strain[0]
+        own.curvature_1_m[0], own.curvature_1_m[1] = own.strain[1], own.strain[2]
+    for i in range(CHAMBERS):
+        volume = 0.0
+        for a in range(3):
+            volume += load[a, i] * own.strain[a]
+        own.volume_m3[i] = model.length_m * volume
 
 
 @dataclass(frozen=True)
@@ -63,50 +180,27 @@ class Estimate:
 class Estimator:
     """Follows the robot from cycle to cycle. One `update` a cycle."""
 
-    def __init__(self, law: ActuatorLaw, gains: RollFilterGains | None = None) -> None:
-        self._law, self._gains = law, gains or RollFilterGains()
-        self._roll_rad, self._rate_rad_s, self._bias_rad_s = 0.0, 0.0, 0.0
-        self._last_t_s: float | None = None
-        self._last_curvature: FloatArray = np.zeros(2)
-        self._last_stretch = 1.0
+    def __init__(self, model: RobotModel) -> None:
+        self._model = model
+        self.memory = estimator_memory()
+        self._reading = np.zeros(1, READINGS).view(np.recarray)
 
     def update(self, readings: Readings, dead: Sequence[int] = ()) -> Estimate:
         """The estimate after these readings. Readings that are not finite are skipped over.
 
         Chambers known to be `dead` are taken as vented, whatever their sensors say.
         """
-        force, spin = readings.accelerometer_m_s2, float(readings.gyro_rad_s[2])
-        up_rad = math.atan2(force[0], force[1])
-        if not (math.isfinite(spin) and math.isfinite(up_rad)):
-            spin, up_rad, trust = self._rate_rad_s + self._bias_rad_s, self._roll_rad, 0.0
-        else:
-            size = math.hypot(force[0], force[1])
-            trust = math.exp(-(((size / STANDARD_GRAVITY_M_S2 - 1.0) / 0.25) ** 2))
-        if self._last_t_s is None:
-            self._roll_rad = up_rad
-        else:
-            step_s = max(readings.t_s - self._last_t_s, 0.0)
-            self._follow(step_s, spin, up_rad, trust)
-        self._last_t_s = readings.t_s
-        self._bend(readings.pressure_Pa, dead)
-        return Estimate(self._roll_rad, self._rate_rad_s, self._last_curvature, self._last_stretch)
+        own, reading = self.memory[0], self._reading[0]
+        readings.write(reading)
+        usable = np.ones(CHAMBERS)
+        usable[list(dead)] = 0.0
+        _follow(self._model, self.memory, self._reading, usable)
+        return Estimate(
+            float(own["roll_rad"]), float(own["roll_rate_rad_s"]), own["curvature_1_m"].copy(), float(own["stretch"])
+        )
 
-    def _follow(self, step_s: float, spin_rad_s: float, up_rad: float, trust: float) -> None:
-        gains = self._gains
-        rate = spin_rad_s - self._bias_rad_s
-        self._roll_rad += step_s * rate
-        error = trust * math.remainder(up_rad - self._roll_rad, 2.0 * math.pi)
-        self._roll_rad += step_s * gains.correction_1_s * error
-        self._bias_rad_s -= step_s * gains.bias_1_s2 * error
-        self._rate_rad_s += (rate - self._rate_rad_s) * min(1.0, step_s / gains.rate_time_s)
 
-    def _bend(self, pressure_Pa: FloatArray, dead: Sequence[int]) -> None:
-        if not np.isfinite(pressure_Pa).all():
-            return
-        living = np.maximum(pressure_Pa, 0.0)
-        living[list(dead)] = 0.0
-        try:
-            bent = self._law.equilibrium(living)
-        except SimulationError:
-            return  # a reading that no section could carry: keep what was believed before
-        self._last_curvature, self._last_stretch = bent.curvature_1_m, bent.stretch
+@njit(cache=True)
+def _follow(model: RobotModel, memory: Any, reading: Any, usable: FloatArray) -> None:
+    follow_roll(memory[0], reading[0])
+    follow_bend(model, memory[0], reading[0].pressure_Pa, usable)

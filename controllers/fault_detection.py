@@ -16,15 +16,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from controllers.interface import Detection
-from softbot.faults import CHAMBER_COUNT, FaultKind, SENSOR_OFFSET_Pa
+from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, FaultKind, SENSOR_OFFSET_Pa
 from softbot.pneumatics import PneumaticsParameters, valve_mass_flow
-from softbot.sensing import Readings, SensorParameters
+from softbot.sensing import READINGS, Readings, SensorParameters
 
 FloatArray = NDArray[np.float64]
 
@@ -49,6 +50,12 @@ _SUBSTEPS = 3
 _SLOPE_STEP_Pa = 500.0
 _WORST = 50.0  # squared innovation over variance: one reading, however wild, is no proof
 _MODELS = np.array([row[1:] for row in _BANK])
+_MODEL_KINDS = np.array([0 if row[0] is None else KIND_CODES[row[0]] for row in _BANK], dtype=np.int64)
+_COUNT = len(_BANK)
+_LONGEST_GAP_S = 0.05
+_FASTEST_SWELLING_1_S = 2.0
+_SENSOR_OFFSET, _SENSOR_STUCK = KIND_CODES[FaultKind.SENSOR_OFFSET], KIND_CODES[FaultKind.SENSOR_STUCK]
+_BLOCKED_INLET, _STUCK_CLOSED = KIND_CODES[FaultKind.BLOCKED_INLET], KIND_CODES[FaultKind.STUCK_CLOSED]
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,97 @@ class DetectorTuning:
     """After the start, while the observers find the pressures."""
 
 
+class DetectorParts(NamedTuple):
+    """What a detector is made of, as compiled code takes it."""
+
+    models: FloatArray
+    kinds: NDArray[np.int64]
+    constants: FloatArray
+    supply_conductance: FloatArray
+    exhaust_conductance: FloatArray
+    dead_volume_m3: FloatArray
+    noise_Pa: float
+    threshold: float
+    margin: float
+    jump_Pa: float
+    repeats: int
+    suspicious_repeats: int
+    confirm_s: float
+    patience_s: float
+    settle_s: float
+
+
+DETECTOR = np.dtype(
+    [
+        ("state_Pa", np.float64, (CHAMBER_COUNT, _COUNT)),
+        ("score", np.float64, (CHAMBER_COUNT, _COUNT)),
+        ("innovation_Pa", np.float64, (CHAMBER_COUNT, _COUNT)),
+        ("lagged_opening", np.float64, CHAMBER_COUNT),
+        ("swelling_1_s", np.float64, CHAMBER_COUNT),
+        ("volume_m3", np.float64, CHAMBER_COUNT),
+        ("last_volume_m3", np.float64, CHAMBER_COUNT),
+        ("last_pressure_Pa", np.float64, CHAMBER_COUNT),
+        ("last_supply_Pa", np.float64),
+        ("last_t_s", np.float64),
+        ("repeats", np.int64, CHAMBER_COUNT),
+        ("owed_Pa", np.float64, CHAMBER_COUNT),
+        ("suspect_since_s", np.float64, CHAMBER_COUNT),
+        ("started_s", np.float64),
+        ("named", np.int64, CHAMBER_COUNT),
+        ("found", np.int64),
+        ("found_chamber", np.int64, CHAMBER_COUNT),
+        ("found_kind", np.int64, CHAMBER_COUNT),
+        ("found_confidence", np.float64, CHAMBER_COUNT),
+    ],
+    align=True,
+)
+"""What a detector remembers, as a record. `named`: the kind by number, 0 none. `found`: verdicts of this cycle."""
+
+
+def detector_memory() -> Any:
+    """Memory of a detector that has seen nothing, shape (1,) of DETECTOR."""
+    memory = np.zeros(1, DETECTOR).view(np.recarray)
+    memory[0]["last_t_s"] = math.nan
+    memory[0]["suspect_since_s"] = math.nan
+    return memory
+
+
+def detector_parts(
+    parameters: PneumaticsParameters, sensors: SensorParameters, tuning: DetectorTuning | None = None
+) -> DetectorParts:
+    """The parts of a detector of a robot with these pneumatics and sensors."""
+    own = tuning or DetectorTuning()
+    constants = [
+        parameters.critical_ratio,
+        parameters.temperature_K,
+        parameters.atmospheric_pressure_absolute_Pa,
+        parameters.gas_constant_times_temperature_J_kg,
+        parameters.valve_lag_s,
+        own.observer_gain,
+        own.rate_error,
+        own.drift,
+        own.swelling_error,
+        own.evidence,
+    ]
+    return DetectorParts(
+        _MODELS,
+        _MODEL_KINDS,
+        np.array(constants),
+        np.array(parameters.supply_valve_conductance_m3_s_Pa),
+        np.array(parameters.exhaust_valve_conductance_m3_s_Pa),
+        np.array(parameters.dead_volume_m3),
+        math.hypot(max(sensors.pressure_noise_Pa, own.floor_noise_Pa), 100.0),
+        own.threshold,
+        own.margin,
+        own.jump_Pa,
+        own.repeats,
+        own.suspicious_repeats,
+        own.confirm_s,
+        own.patience_s,
+        own.settle_s,
+    )
+
+
 class FaultDetector:
     """Watches the four chambers. One `update` a cycle; each chamber is named once, until `forget`."""
 
@@ -88,145 +186,163 @@ class FaultDetector:
         sensors: SensorParameters,
         tuning: DetectorTuning | None = None,
     ) -> None:
-        self._tuning = tuning or DetectorTuning()
-        self._parameters = parameters
-        self._dead_volume_m3 = np.array(parameters.dead_volume_m3)
-        self._noise_Pa = math.hypot(max(sensors.pressure_noise_Pa, self._tuning.floor_noise_Pa), 100.0)
-        self._constants = np.array(
-            [
-                parameters.critical_ratio,
-                parameters.temperature_K,
-                parameters.atmospheric_pressure_absolute_Pa,
-                parameters.gas_constant_times_temperature_J_kg,
-                parameters.valve_lag_s,
-                self._tuning.observer_gain,
-                self._tuning.rate_error,
-                self._tuning.drift,
-                self._tuning.swelling_error,
-                self._tuning.evidence,
-            ]
-        )
-        self._supply_conductance = np.array(parameters.supply_valve_conductance_m3_s_Pa)
-        self._exhaust_conductance = np.array(parameters.exhaust_valve_conductance_m3_s_Pa)
-        models = len(_BANK)
-        self._state_Pa = np.zeros((CHAMBER_COUNT, models))
-        self._score = np.zeros((CHAMBER_COUNT, models))
-        self._lagged_opening = np.zeros(CHAMBER_COUNT)
-        self._innovation_Pa = np.zeros((CHAMBER_COUNT, models))
-        self._last: Readings | None = None
-        self._last_volume_m3: FloatArray | None = None
-        self._repeats = np.zeros(CHAMBER_COUNT, dtype=np.int64)
-        self._owed_Pa = np.zeros(CHAMBER_COUNT)
-        self._suspect_since_s = np.full(CHAMBER_COUNT, math.nan)
-        self._started_s = 0.0
-        self.named: dict[int, FaultKind] = {}
+        self.parts = detector_parts(parameters, sensors, tuning)
+        self.memory = detector_memory()
+        self._reading = np.zeros(1, READINGS).view(np.recarray)
+
+    @property
+    def named(self) -> dict[int, FaultKind]:
+        """What each named chamber was found to have."""
+        return {chamber: KINDS[code - 1] for chamber, code in enumerate(self.memory[0]["named"].tolist()) if code}
 
     def update(self, readings: Readings, chamber_volume_m3: FloatArray) -> tuple[Detection, ...]:
         """Faults that these readings decide. `chamber_volume_m3` (4,): by the law, dead volume not counted.
 
         A gap in the readings (over five cycles' worth) restarts the models without a verdict.
         """
-        volume = chamber_volume_m3 + self._dead_volume_m3
-        last, self._last = self._last, readings
-        last_volume, self._last_volume_m3 = self._last_volume_m3, volume
-        if not (np.isfinite(readings.pressure_Pa).all() and math.isfinite(readings.supply_Pa)):
-            self._last = last
-            return ()
-        if last is None or last_volume is None or not 0.0 < readings.t_s - last.t_s < 0.05:
-            self._restart(readings)
-            return ()
-        step_s = readings.t_s - last.t_s
-        swelling = (volume - last_volume) / step_s / volume
-        _follow(
-            step_s,
-            readings.pressure_Pa,
-            last.supply_Pa,
-            readings.opening,
-            volume,
-            np.clip(swelling, -2.0, 2.0),
-            self._noise_Pa,
-            self._supply_conductance,
-            self._exhaust_conductance,
-            self._constants,
-            _MODELS,
-            self._state_Pa,
-            self._lagged_opening,
-            self._innovation_Pa,
-            self._score,
-        )
-        if readings.t_s - self._started_s < self._tuning.settle_s:
-            self._score[:] = 0.0
-            return ()
-        found = []
-        for chamber in range(CHAMBER_COUNT):
-            if chamber in self.named:
-                continue
-            named = self._sensor_fault(chamber, readings, last, step_s) or self._gas_fault(chamber, readings.t_s)
-            if named is not None:
-                kind, confidence = named
-                self.named[chamber] = kind
-                found.append(Detection(readings.t_s, chamber, str(kind), confidence))
-        return tuple(found)
+        readings.write(self._reading[0])
+        detect(self.parts, self.memory, self._reading, np.ascontiguousarray(chamber_volume_m3))
+        return detections_of(self.memory[0], readings.t_s)
 
     def forget(self, chamber: int) -> None:
         """Take a chamber's verdict back, after a repair."""
-        self.named.pop(chamber, None)
-        self._score[chamber] = 0.0
+        own = self.memory[0]
+        own["named"][chamber] = 0
+        own["score"][chamber] = 0.0
 
-    def _restart(self, readings: Readings) -> None:
-        self._state_Pa[:] = readings.pressure_Pa[:, None]
-        self._lagged_opening[:] = readings.opening
-        self._score[:] = 0.0
-        self._suspect_since_s[:] = math.nan
-        self._repeats[:] = 0
-        self._owed_Pa[:] = 0.0
-        self._started_s = readings.t_s
 
-    def _gas_fault(self, chamber: int, t_s: float) -> tuple[FaultKind, float] | None:
-        score, tuning = self._score[chamber], self._tuning
-        best = int(np.argmax(score))
-        kind = _BANK[best][0]
-        if kind is None or score[best] < tuning.threshold:
-            self._suspect_since_s[chamber] = math.nan
-            return None
-        if math.isnan(self._suspect_since_s[chamber]):
-            self._suspect_since_s[chamber] = t_s
-        waited_s = t_s - self._suspect_since_s[chamber]
-        if waited_s < tuning.confirm_s or 0 < tuning.suspicious_repeats <= self._repeats[chamber]:
-            return None
-        lead, rival = min((float(score[best] - score[m]), m) for m in range(1, len(_BANK)) if _BANK[m][0] != kind)
-        if lead < tuning.margin and waited_s < tuning.patience_s:
-            return None
-        if lead < tuning.margin and {kind, _BANK[rival][0]} == {FaultKind.BLOCKED_INLET, FaultKind.STUCK_CLOSED}:
-            kind = FaultKind.BLOCKED_INLET  # an empty chamber cannot tell them apart: it has nothing to vent
-        return kind, 1.0 / (1.0 + math.exp(-max(lead, 0.0)))
-
-    def _sensor_fault(
-        self, chamber: int, readings: Readings, last: Readings, step_s: float
-    ) -> tuple[FaultKind, float] | None:
-        reading, before = float(readings.pressure_Pa[chamber]), float(last.pressure_Pa[chamber])
-        innovation = float(self._innovation_Pa[chamber, 0])
-        fastest_Pa = 2.0 * step_s * self._fill_rate_Pa_s(chamber, readings.supply_Pa)
-        if reading - before > max(self._tuning.jump_Pa, fastest_Pa) and innovation > self._tuning.jump_Pa:
-            return FaultKind.SENSOR_OFFSET, min(1.0, (reading - before) / SENSOR_OFFSET_Pa + 0.5)
-        if reading != before:
-            self._repeats[chamber] = 0
-            self._owed_Pa[chamber] = 0.0
-            return None
-        self._repeats[chamber] += 1
-        self._owed_Pa[chamber] = max(self._owed_Pa[chamber], abs(innovation))
-        if self._repeats[chamber] >= self._tuning.repeats and self._owed_Pa[chamber] > self._noise_Pa:
-            return FaultKind.SENSOR_STUCK, 1.0
-        return None
-
-    def _fill_rate_Pa_s(self, chamber: int, supply_Pa: float) -> float:
-        own = self._parameters
-        assert self._last_volume_m3 is not None
-        atmosphere = own.atmospheric_pressure_absolute_Pa
-        flow = valve_mass_flow(
-            self._supply_conductance[chamber], own.critical_ratio, supply_Pa + atmosphere, atmosphere, own.temperature_K
+def detections_of(own: Any, t_s: float) -> tuple[Detection, ...]:
+    """The verdicts of a cycle at t_s that stand in a detector's record."""
+    return tuple(
+        Detection(
+            float(t_s),
+            int(own["found_chamber"][n]),
+            str(KINDS[int(own["found_kind"][n]) - 1]),
+            float(own["found_confidence"][n]),
         )
-        return float(flow * own.gas_constant_times_temperature_J_kg / self._last_volume_m3[chamber])
+        for n in range(int(own["found"]))
+    )
+
+
+@njit(cache=True)
+def detect(parts: DetectorParts, memory: Any, reading_memory: Any, chamber_volume_m3: FloatArray) -> None:
+    """One cycle of the detector; its verdicts stand in memory[0] until the next. reading_memory: (1,) of READINGS."""
+    own, reading = memory[0], reading_memory[0]
+    own.found = 0
+    whole = math.isfinite(reading.supply_Pa)
+    for c in range(CHAMBER_COUNT):
+        whole = whole and math.isfinite(reading.pressure_Pa[c])
+        own.last_volume_m3[c] = own.volume_m3[c]
+        own.volume_m3[c] = chamber_volume_m3[c] + parts.dead_volume_m3[c]
+    if not whole:
+        return
+    step_s = reading.t_s - own.last_t_s
+    if not 0.0 < step_s < _LONGEST_GAP_S:
+        _restart(own, reading)
+    else:
+        for c in range(CHAMBER_COUNT):
+            swelling = (own.volume_m3[c] - own.last_volume_m3[c]) / step_s / own.volume_m3[c]
+            own.swelling_1_s[c] = min(max(swelling, -_FASTEST_SWELLING_1_S), _FASTEST_SWELLING_1_S)
+        _follow(
+            step_s,
+            reading.pressure_Pa,
+            own.last_supply_Pa,
+            reading.opening,
+            own.volume_m3,
+            own.swelling_1_s,
+            parts.noise_Pa,
+            parts.supply_conductance,
+            parts.exhaust_conductance,
+            parts.constants,
+            parts.models,
+            own.state_Pa,
+            own.lagged_opening,
+            own.innovation_Pa,
+            own.score,
+        )
+        settling = reading.t_s - own.started_s < parts.settle_s
+        for c in range(CHAMBER_COUNT):
+            if settling:
+                for m in range(_COUNT):
+                    own.score[c, m] = 0.0
+            elif own.named[c] == 0:
+                kind, confidence = _sensor_fault(parts, own, reading, c, step_s)
+                if kind == 0:
+                    kind, confidence = _gas_fault(parts, own, c, reading.t_s)
+                if kind != 0:
+                    own.named[c] = kind
+                    n = own.found
+                    own.found_chamber[n], own.found_kind[n], own.found_confidence[n] = c, kind, confidence
+                    own.found = n + 1
+    for c in range(CHAMBER_COUNT):
+        own.last_pressure_Pa[c] = reading.pressure_Pa[c]
+    own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
+
+
+@njit(cache=True)
+def _restart(own: Any, reading: Any) -> None:
+    for c in range(CHAMBER_COUNT):
+        for m in range(_COUNT):
+            own.state_Pa[c, m] = reading.pressure_Pa[c]
+            own.score[c, m] = 0.0
+        own.lagged_opening[c] = reading.opening[c]
+        own.suspect_since_s[c] = math.nan
+        own.repeats[c] = 0
+        own.owed_Pa[c] = 0.0
+    own.started_s = reading.t_s
+
+
+@njit(cache=True)
+def _gas_fault(parts: DetectorParts, own: Any, chamber: int, t_s: float) -> tuple[int, float]:
+    score = own.score[chamber]
+    best = 0
+    for m in range(1, _COUNT):
+        if score[m] > score[best]:
+            best = m
+    kind = parts.kinds[best]
+    if kind == 0 or score[best] < parts.threshold:
+        own.suspect_since_s[chamber] = math.nan
+        return 0, 0.0
+    if math.isnan(own.suspect_since_s[chamber]):
+        own.suspect_since_s[chamber] = t_s
+    waited_s = t_s - own.suspect_since_s[chamber]
+    if waited_s < parts.confirm_s or 0 < parts.suspicious_repeats <= own.repeats[chamber]:
+        return 0, 0.0
+    lead, rival = math.inf, 0
+    for m in range(1, _COUNT):
+        if parts.kinds[m] != kind and score[best] - score[m] < lead:
+            lead, rival = score[best] - score[m], parts.kinds[m]
+    if lead < parts.margin:
+        if waited_s < parts.patience_s:
+            return 0, 0.0
+        if (kind == _BLOCKED_INLET and rival == _STUCK_CLOSED) or (kind == _STUCK_CLOSED and rival == _BLOCKED_INLET):
+            kind = _BLOCKED_INLET  # an empty chamber cannot tell them apart: it has nothing to vent
+    return kind, 1.0 / (1.0 + math.exp(-max(lead, 0.0)))
+
+
+@njit(cache=True)
+def _sensor_fault(parts: DetectorParts, own: Any, reading: Any, chamber: int, step_s: float) -> tuple[int, float]:
+    shown, before = reading.pressure_Pa[chamber], own.last_pressure_Pa[chamber]
+    innovation = own.innovation_Pa[chamber, 0]
+    fastest_Pa = 2.0 * step_s * _fill_rate_Pa_s(parts, own, chamber, reading.supply_Pa)
+    if shown - before > max(parts.jump_Pa, fastest_Pa) and innovation > parts.jump_Pa:
+        return _SENSOR_OFFSET, min(1.0, (shown - before) / SENSOR_OFFSET_Pa + 0.5)
+    if shown != before:
+        own.repeats[chamber] = 0
+        own.owed_Pa[chamber] = 0.0
+        return 0, 0.0
+    own.repeats[chamber] += 1
+    own.owed_Pa[chamber] = max(own.owed_Pa[chamber], abs(innovation))
+    if own.repeats[chamber] >= parts.repeats and own.owed_Pa[chamber] > parts.noise_Pa:
+        return _SENSOR_STUCK, 1.0
+    return 0, 0.0
+
+
+@njit(cache=True)
+def _fill_rate_Pa_s(parts: DetectorParts, own: Any, chamber: int, supply_Pa: float) -> float:
+    b, temperature, atmosphere, gas = parts.constants[0], parts.constants[1], parts.constants[2], parts.constants[3]
+    flow = valve_mass_flow(parts.supply_conductance[chamber], b, supply_Pa + atmosphere, atmosphere, temperature)
+    return flow * gas / own.volume_m3[chamber]
 
 
 @njit(cache=True)

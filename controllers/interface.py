@@ -23,6 +23,12 @@ class SequencerState(StrEnum):
     SAFE = "safe"
 
 
+STATES: tuple[SequencerState, ...] = tuple(SequencerState)
+"""States by number, for compiled code."""
+STRATEGIES = ("curvature_reversal", "safe_stop")
+"""Answers to a fault, by number."""
+
+
 class Command(StrEnum):
     """Orders of the operator: where to roll, facing along the robot's tangent."""
 

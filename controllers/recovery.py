@@ -10,65 +10,57 @@ swing the curvature round the short way and roll the body back as far as it had 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
-from controllers.commutation import TURN_RAD, room_rad, shortfall_rad
-from controllers.estimation import Estimate
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
+from controllers.commutation import room_rad, shortfall_rad, wrapped
 
-@dataclass(frozen=True)
-class ReversalTuning:
-    """When to begin a reversal, and when it is over."""
+FloatArray = NDArray[np.float64]
 
-    near_stop_rad: float = 0.12
-    """Room left before the dead chamber stops the roll at which the reversal begins."""
-    stalled_rad_s: float = 0.25
-    """… or a roll slower than this, within `stalled_within_rad` of the stop."""
-    stalled_within_rad: float = 0.5
-    flipped_share: float = 0.6
-    """Part of the wanted curvature that must have grown on the other side."""
-    longest_s: float = 2.0
-    """A reversal that takes longer is given up for the side that the robot then has."""
+NEAR_STOP_RAD = 0.12
+"""Room left before the dead chamber stops the roll at which the reversal begins …"""
+STALLED_RAD_S = 0.25
+STALLED_WITHIN_RAD = 0.5
+"""… or a roll slower than this, within this of the stop."""
+FLIPPED_SHARE = 0.6
+"""Part of the wanted curvature that must have grown on the other side."""
+LONGEST_S = 2.0
+"""A reversal that takes longer is given up for the side that the robot then has."""
 
-
-@dataclass(frozen=True)
-class Reversal:
-    """A reversal under way: the body direction commanded, held until the C has flipped."""
-
-    began_s: float
-    direction_rad: float
-    side: int
-    """The side that the C will open to."""
+REVERSAL = np.dtype(
+    [("under_way", np.bool_), ("began_s", np.float64), ("direction_rad", np.float64), ("side", np.int64)],
+    align=True,
+)
+"""A reversal, as a record: the body direction commanded, held until the C has flipped, and the side it will open to."""
 
 
-class ReversalPlanner:
-    """Decides for a robot with dead chambers when to reverse and when the reversal is over."""
+@njit(cache=True)
+def reversal_due(estimate: Any, side: int, forward: int, strength: FloatArray) -> bool:
+    """Whether the roll has come to where a dead chamber is needed."""
+    room = room_rad(side, estimate.roll_rad, forward, strength)
+    slow = forward * -estimate.roll_rate_rad_s < STALLED_RAD_S
+    return room < NEAR_STOP_RAD or (slow and room < STALLED_WITHIN_RAD)
 
-    def __init__(self, tuning: ReversalTuning | None = None) -> None:
-        self._tuning = tuning or ReversalTuning()
-        self.reversal: Reversal | None = None
 
-    def due(self, estimate: Estimate, side: int, forward: int, dead: tuple[int, ...]) -> bool:
-        """Whether the roll has come to where a dead chamber is needed."""
-        room = room_rad(side, estimate.roll_rad, forward, dead)
-        slow = forward * -estimate.roll_rate_rad_s < self._tuning.stalled_rad_s
-        return room < self._tuning.near_stop_rad or (slow and room < self._tuning.stalled_within_rad)
+@njit(cache=True)
+def begin_reversal(own: Any, t_s: float, estimate: Any, side: int, strength: FloatArray) -> None:
+    """Start a reversal: command the opposite of the curvature as it is, or the nearest that can be had."""
+    opposite = math.atan2(estimate.curvature_1_m[1], estimate.curvature_1_m[0]) + math.pi
+    opposite -= shortfall_rad(opposite, strength)
+    own.under_way, own.began_s, own.direction_rad, own.side = True, t_s, wrapped(opposite), -side
 
-    def begin(self, t_s: float, estimate: Estimate, side: int, dead: tuple[int, ...]) -> Reversal:
-        """Start a reversal: command the opposite of the curvature as it is, or the nearest that can be had."""
-        opposite = estimate.curvature_direction_rad + math.pi
-        opposite -= shortfall_rad(opposite, dead)
-        self.reversal = Reversal(t_s, math.remainder(opposite, TURN_RAD), -side)
-        return self.reversal
 
-    def over(self, t_s: float, estimate: Estimate, wanted_1_m: float) -> bool:
-        """Whether the C has flipped (or too long has passed); the reversal then ends."""
-        reversal = self.reversal
-        if reversal is None:
-            return True
-        along = estimate.curvature_size_1_m * math.cos(estimate.curvature_direction_rad - reversal.direction_rad)
-        flipped = along > self._tuning.flipped_share * wanted_1_m
-        if flipped or t_s - reversal.began_s > self._tuning.longest_s:
-            self.reversal = None
-            return True
-        return False
+@njit(cache=True)
+def reversal_over(own: Any, t_s: float, estimate: Any, wanted_1_m: float) -> bool:
+    """Whether the C has flipped (or too long has passed); the reversal then ends."""
+    if not own.under_way:
+        return True
+    k1, k2 = estimate.curvature_1_m[0], estimate.curvature_1_m[1]
+    along = k1 * math.cos(own.direction_rad) + k2 * math.sin(own.direction_rad)
+    if along > FLIPPED_SHARE * wanted_1_m or t_s - own.began_s > LONGEST_S:
+        own.under_way = False
+        return True
+    return False

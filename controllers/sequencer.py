@@ -8,35 +8,43 @@
     reversing  … and reverses the curvature where the dead one would be needed
     safe       a fault that forbids rolling on: vents and stays until it is ordered to stop
 
-Every quantity it acts on is estimated from the readings. It knows no bus and no twin.
+Every quantity it acts on is estimated from the readings. It knows no bus and no twin. `cycle` is the whole of it in
+compiled code, over plain records; `Sequencer` wraps it for those who hold a robot file and a clock.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
-from controllers.commutation import can_roll, commanded_direction_rad, shortfall_rad
-from controllers.estimation import Estimate, Estimator
-from controllers.fault_detection import FaultDetector
+from controllers import commutation, estimation, fault_detection, recovery, robot_model
+from controllers.commutation import commanded_direction_rad, shortfall_rad
+from controllers.estimation import estimator_memory, follow_bend, follow_roll
+from controllers.fault_detection import DetectorParts, detect, detections_of, detector_memory, detector_parts
 from controllers.interface import (
+    STATES,
+    STRATEGIES,
     Command,
-    Detection,
-    FloatArray,
     Order,
     Recovery,
     SequencerOutput,
     SequencerState,
 )
-from controllers.recovery import ReversalPlanner
-from softbot.actuator import ActuatorLaw
+from controllers.recovery import REVERSAL, begin_reversal, reversal_due, reversal_over
+from controllers.robot_model import RobotModel, pressures_for
+from softbot import actuator, material, pneumatics
 from softbot.cross_section import CHAMBERS
-from softbot.faults import FaultKind
+from softbot.faults import KIND_CODES, KINDS, FaultKind
+from softbot.kernel_stamp import kernel_stamp
 from softbot.robot import Robot
-from softbot.rolling import coulomb_advance_ratio
-from softbot.sensing import Readings
+from softbot.sensing import READINGS, Readings
+
+FloatArray = NDArray[np.float64]
 
 KILLS_CHAMBER = frozenset(
     {
@@ -48,6 +56,8 @@ KILLS_CHAMBER = frozenset(
     }
 )
 """Faults after which the chamber is no longer used. A leak is reported, and the pressure loop feeds it."""
+BLINDS_CHAMBER = frozenset({FaultKind.SENSOR_OFFSET, FaultKind.SENSOR_STUCK})
+"""Faults of a chamber's sensor: it is vented, whatever it says."""
 FORBIDS_ROLLING = frozenset({FaultKind.STUCK_OPEN})
 """Faults that only shutting the supply answers. (A valve stuck shut is one while its chamber holds pressure.)"""
 
@@ -56,9 +66,89 @@ _STALL_RATE_TIME_S = 0.3  # a robot that only rocks has stalled: the rate is ave
 _STALL_TIME_S = 0.4
 _PRIMED_SHARE = 0.8
 _PRIMING_LONGEST_S = 3.0
-_USE_OF_LIMIT = 0.9
 _HELD_SHARE = 0.2
-_MOVING = (SequencerState.ROLLING, SequencerState.DEGRADED, SequencerState.STALLED)
+
+_DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
+    STATES.index(state)
+    for state in (
+        SequencerState.DISARMED,
+        SequencerState.PRIMING,
+        SequencerState.ROLLING,
+        SequencerState.STALLED,
+        SequencerState.REVERSING,
+        SequencerState.DEGRADED,
+        SequencerState.SAFE,
+    )
+)
+_CURVATURE_REVERSAL, _SAFE_STOP = STRATEGIES.index("curvature_reversal"), STRATEGIES.index("safe_stop")
+_STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
+_TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
+_MOST_ANSWERS = 4
+
+
+def _holds(kinds: frozenset[FaultKind]) -> NDArray[np.bool_]:
+    """For each number of a kind (0: none) whether it is one of these."""
+    return np.array([False, *(kind in kinds for kind in KINDS)])
+
+
+class SequencerParts(NamedTuple):
+    """What a sequencer is made of, as compiled code takes it."""
+
+    model: RobotModel
+    detector: DetectorParts
+    recovers: bool
+    lead_rad: float
+    kills: NDArray[np.bool_]
+    blinds: NDArray[np.bool_]
+    forbids: NDArray[np.bool_]
+
+
+SEQUENCER = np.dtype(
+    [
+        ("turn", np.int64),
+        ("speed_rad_s", np.float64),
+        ("distance_m", np.float64),
+        ("armed", np.bool_),
+        ("state", np.int64),
+        ("side", np.int64),
+        ("roll_at_order_rad", np.float64),
+        ("entered_s", np.float64),
+        ("still_since_s", np.float64),
+        ("mean_rate_rad_s", np.float64),
+        ("last_t_s", np.float64),
+        ("lead_integral_rad", np.float64),
+        ("strength", np.float64, CHAMBERS),
+        ("sighted", np.float64, CHAMBERS),
+        ("setpoint_Pa", np.float64, CHAMBERS),
+        ("wants_armed", np.bool_),
+        ("answered", np.int64),
+        ("answer", np.int64, _MOST_ANSWERS),
+    ],
+    align=True,
+)
+"""What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
+distance NaN where none was ordered; `strength` 0 of a chamber that is not used, `sighted` 0 of one whose sensor lies;
+`answer`: numbers of STRATEGIES taken in this cycle."""
+
+
+class SequencerMemory(NamedTuple):
+    """All that a sequencer remembers: records, each of shape (1,)."""
+
+    own: Any
+    estimator: Any
+    detector: Any
+    reversal: Any
+
+
+def sequencer_memory() -> SequencerMemory:
+    """Memory of a sequencer that has seen nothing and was ordered nothing."""
+    own = np.zeros(1, SEQUENCER).view(np.recarray)
+    first = own[0]
+    for name in ("speed_rad_s", "distance_m", "roll_at_order_rad", "still_since_s", "last_t_s"):
+        first[name] = math.nan
+    first["side"] = 1
+    first["strength"] = first["sighted"] = 1.0
+    return SequencerMemory(own, estimator_memory(), detector_memory(), np.zeros(1, REVERSAL).view(np.recarray))
 
 
 @dataclass(frozen=True)
@@ -84,235 +174,282 @@ class SequencerConfig:
         """Configuration for a robot file."""
         return cls(robot, recovery, lead_rad, bend_rad, co_contraction_Pa)
 
+    def parts(self) -> SequencerParts:
+        """As compiled code takes it."""
+        return SequencerParts(
+            robot_model.robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
+            detector_parts(self.robot.pneumatics, self.robot.sensors),
+            bool(self.recovery),
+            float(self.lead_rad),
+            _holds(KILLS_CHAMBER),
+            _holds(BLINDS_CHAMBER),
+            _holds(FORBIDS_ROLLING),
+        )
+
+
+LAG_S = 0.12
+"""By about this the curvature follows its command late, so a steady roll at ω needs a lead of ω·LAG_S …"""
+PROPORTIONAL_S = 0.05
+INTEGRAL = 0.15
+"""… and what friction asks for."""
+
+
+@njit(cache=True)
+def regulated_lead_rad(own: Any, largest_rad: float, measured_rad_s: float, step_s: float) -> float:
+    """The lead for this cycle, 0 … the largest [rad]; speeds are positive in the ordered direction.
+
+    Feed-forward of the pressure lag, and a PI correction. Without a wanted speed the lead is the largest.
+    """
+    wanted = own.speed_rad_s
+    if math.isnan(wanted):
+        return largest_rad
+    error = wanted - measured_rad_s
+    lead = wanted * LAG_S + PROPORTIONAL_S * error + own.lead_integral_rad
+    if 0.0 < lead < largest_rad or (lead <= 0.0) == (error > 0.0):  # no wind-up against a bound
+        own.lead_integral_rad += INTEGRAL * error * step_s
+    return min(max(lead, 0.0), largest_rad)
+
+
+@njit(cache=True)
+def _c_bend_side(estimate: Any) -> int:
+    direction = math.atan2(estimate.curvature_1_m[1], estimate.curvature_1_m[0])
+    return 1 if math.cos(direction + estimate.roll_rad) >= 0.0 else -1
+
+
+@njit(cache=True)
+def _bend_towards(parts: SequencerParts, own: Any, direction_rad: float) -> None:
+    pressures_for(parts.model, direction_rad, parts.model.curvature_1_m, own.setpoint_Pa)
+    for i in range(CHAMBERS):
+        if own.strength[i] <= 0.0:
+            own.setpoint_Pa[i] = 0.0
+
+
+@njit(cache=True)
+def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
+    own = memory.own[0]
+    own.state, own.entered_s, own.still_since_s = state, t_s, math.nan
+    if state in (_DISARMED, _SAFE, _PRIMING):
+        memory.reversal[0].under_way = False
+        own.lead_integral_rad = 0.0
+
+
+@njit(cache=True)
+def _dead(own: Any) -> int:
+    count = 0
+    for i in range(CHAMBERS):
+        if own.strength[i] <= 0.0:
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _rolling_state(parts: SequencerParts, own: Any) -> int:
+    return _DEGRADED if parts.recovers and _dead(own) > 0 else _ROLLING
+
+
+@njit(cache=True)
+def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> None:
+    """React to what was found: reverse from now on, or fall back to the safe state."""
+    own, detector = memory.own[0], memory.detector[0]
+    own.answered = 0
+    for i in range(CHAMBERS):
+        own.strength[i] = 0.0 if parts.kills[detector.named[i]] else 1.0
+        own.sighted[i] = 0.0 if parts.blinds[detector.named[i]] else 1.0
+    for n in range(detector.found):
+        kind = detector.found_kind[n]
+        held_Pa = reading.pressure_Pa[detector.found_chamber[n]] if kind == _STUCK_CLOSED else 0.0
+        holds = held_Pa > _HELD_SHARE * parts.model.pressure_limit_Pa
+        answer = -1
+        if parts.forbids[kind] or holds or _dead(own) > 1:
+            _enter(memory, _SAFE, t_s)
+            answer = _SAFE_STOP
+        elif parts.kills[kind] and parts.recovers:
+            if own.state == _ROLLING or own.state == _DEGRADED or own.state == _STALLED:
+                _enter(memory, _DEGRADED, t_s)
+            answer = _CURVATURE_REVERSAL
+        if answer >= 0:
+            own.answer[own.answered] = answer
+            own.answered += 1
+
+
+@njit(cache=True)
+def _arrived(parts: SequencerParts, own: Any, estimate: Any) -> bool:
+    rolled_rad = -own.turn * (estimate.roll_rad - own.roll_at_order_rad)
+    return parts.model.advance_m_rad * rolled_rad >= own.distance_m  # False where either is NaN
+
+
+@njit(cache=True)
+def _easier_side(own: Any, estimate: Any) -> int:
+    """The side on which the living chambers can bend the robot best as it lies."""
+    left = abs(shortfall_rad(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.strength))
+    right = abs(shortfall_rad(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.strength))
+    return 1 if left <= right else -1
+
+
+@njit(cache=True)
+def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
+    own = memory.own[0]
+    if t_s == own.entered_s or math.isnan(own.roll_at_order_rad):
+        own.roll_at_order_rad = estimate.roll_rad
+        own.side = _easier_side(own, estimate)
+    size = math.hypot(estimate.curvature_1_m[0], estimate.curvature_1_m[1])
+    bent = size > _PRIMED_SHARE * parts.model.curvature_1_m
+    if bent or t_s - own.entered_s > _PRIMING_LONGEST_S:
+        if bent:
+            own.side = _c_bend_side(estimate)
+        _enter(memory, _rolling_state(parts, own), t_s)
+    _bend_towards(parts, own, commanded_direction_rad(own.side, 0.0, estimate.roll_rad))
+
+
+@njit(cache=True)
+def _reverse(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
+    own, reversal = memory.own[0], memory.reversal[0]
+    if reversal_over(reversal, t_s, estimate, parts.model.curvature_1_m):
+        own.side = _c_bend_side(estimate)
+        own.lead_integral_rad = 0.0
+        _enter(memory, _DEGRADED, t_s)
+    _bend_towards(parts, own, reversal.direction_rad)
+
+
+@njit(cache=True)
+def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
+    own = memory.own[0]
+    share = min(1.0, step_s / _STALL_RATE_TIME_S)
+    own.mean_rate_rad_s += share * (estimate.roll_rate_rad_s - own.mean_rate_rad_s)
+    if abs(own.mean_rate_rad_s) > _STALL_RATE_RAD_S:
+        own.still_since_s = math.nan
+        if own.state == _STALLED:
+            _enter(memory, _rolling_state(parts, own), t_s)
+    elif math.isnan(own.still_since_s):
+        own.still_since_s = t_s
+    elif own.state != _STALLED and t_s - own.still_since_s > _STALL_TIME_S:
+        _enter(memory, _STALLED, t_s)
+
+
+@njit(cache=True)
+def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
+    own, reversal = memory.own[0], memory.reversal[0]
+    if parts.recovers and reversal_due(estimate, own.side, own.turn, own.strength):
+        begin_reversal(reversal, t_s, estimate, own.side, own.strength)
+        _enter(memory, _REVERSING, t_s)
+        _reverse(parts, memory, estimate, t_s)
+        return
+    _watch_stall(parts, memory, estimate, t_s, step_s)
+    lead = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
+    direction = commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad)
+    if parts.recovers:
+        direction -= shortfall_rad(direction, own.strength)
+    _bend_towards(parts, own, direction)
+
+
+@njit(cache=True)
+def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: float) -> None:
+    own, estimate = memory.own[0], memory.estimator[0]
+    for i in range(CHAMBERS):
+        own.setpoint_Pa[i] = 0.0
+    if own.state == _SAFE:
+        return
+    if own.turn == 0 or _arrived(parts, own, estimate):
+        if own.state != _DISARMED:
+            _enter(memory, _DISARMED, t_s)
+    elif own.state == _DISARMED:
+        _enter(memory, _PRIMING, t_s)
+    elif not own.armed:
+        if own.state != _PRIMING:  # the board fell back to its safe state: begin anew
+            _enter(memory, _PRIMING, t_s)
+        own.entered_s = t_s
+    elif own.state == _PRIMING:
+        _prime(parts, memory, estimate, t_s)
+    elif own.state == _REVERSING:
+        _reverse(parts, memory, estimate, t_s)
+    else:
+        _roll(parts, memory, estimate, t_s, step_s)
+
+
+def _compile(stamp: str):  # type: ignore[no-untyped-def]
+    @njit(cache=True, nogil=True)
+    def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
+        """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
+        own, estimate = memory.own[0], memory.estimator[0]
+        step_s = 0.0 if math.isnan(own.last_t_s) else max(t_s - own.last_t_s, 0.0)
+        own.last_t_s = t_s
+        follow_roll(estimate, reading[0])
+        follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
+        if own.state == _SAFE:
+            memory.detector[0].found = 0
+        else:
+            detect(parts.detector, memory.detector, reading, estimate.volume_m3)
+        _answer(parts, memory, reading[0], t_s)
+        _act(parts, memory, t_s, step_s)
+        own.wants_armed = own.state != _DISARMED and own.state != _SAFE
+        return len(stamp) > 0
+
+    return cycle
+
+
+cycle = _compile(
+    kernel_stamp(
+        actuator,
+        commutation,
+        estimation,
+        fault_detection,
+        material,
+        pneumatics,
+        recovery,
+        robot_model,
+        __file__,
+    )
+)
+
+
+def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
+    """What is wanted from now on. A stop also leaves the safe state, for a new start."""
+    own = memory.own[0]
+    own["turn"] = _TURNS[order.command]
+    own["speed_rad_s"] = math.nan if order.speed_rev_s is None else 2.0 * math.pi * order.speed_rev_s
+    own["distance_m"] = math.nan if order.distance_m is None else order.distance_m
+    own["roll_at_order_rad"] = math.nan
+    own["lead_integral_rad"] = 0.0
+    if order.command is Command.STOP and own["state"] == _SAFE:
+        _enter(memory, _DISARMED, t_s)
+
 
 class Sequencer:
     """Rolls one robot. `armed` and `update` once a control cycle, `order` whenever the operator wants something."""
 
     def __init__(self, config: SequencerConfig) -> None:
-        self._config = config
-        self._law: ActuatorLaw = config.robot.actuator_law()
-        self._estimator = Estimator(self._law)
-        self._detector = FaultDetector(config.robot.pneumatics, config.robot.sensors)
-        self._planner = ReversalPlanner()
-        self._speed = SpeedRegulator(config.lead_rad)
-        self._curvature_1_m = self._wanted_curvature_1_m()
-        half_bend = 0.5 * self._curvature_1_m * config.robot.length_m
-        self._advance_m_rad = config.robot.radius_m * coulomb_advance_ratio(half_bend)
-        self._order = Order(Command.STOP)
-        self._is_armed = False
-        self._state = SequencerState.DISARMED
-        self._side = 1
-        self._roll_at_order_rad: float | None = None
-        self._entered_s = 0.0
-        self._still_since_s: float | None = None
-        self._mean_rate_rad_s = 0.0
-        self._last_t_s: float | None = None
+        self.parts = config.parts()
+        self.memory = sequencer_memory()
+        self._own: Any = self.memory.own[0]
+        self._reading = np.zeros(1, READINGS).view(np.recarray)
 
     @property
     def state(self) -> SequencerState:
         """The state now."""
-        return self._state
+        return STATES[int(self._own["state"])]
 
     @property
     def dead_chambers(self) -> tuple[int, ...]:
         """Chambers that are no longer used."""
-        return tuple(c for c in range(CHAMBERS) if self._detector.named.get(c) in KILLS_CHAMBER)
-
-    @property
-    def _blind_chambers(self) -> tuple[int, ...]:
-        """Chambers whose sensor lies: they are vented, whatever it says."""
-        lying = (FaultKind.SENSOR_OFFSET, FaultKind.SENSOR_STUCK)
-        return tuple(c for c in range(CHAMBERS) if self._detector.named.get(c) in lying)
+        return tuple(int(chamber) for chamber in np.flatnonzero(self._own["strength"] <= 0.0))
 
     def order(self, order: Order, t_s: float) -> None:
         """What is wanted from now on. A stop also leaves the safe state, for a new start."""
-        self._order = order
-        self._roll_at_order_rad = None
-        self._speed.reset()
-        if order.command is Command.STOP and self._state is SequencerState.SAFE:
-            self._enter(SequencerState.DISARMED, t_s)
+        give_order(self.memory, order, t_s)
 
     def armed(self, is_armed: bool) -> None:
         """Whether the valve board is armed now."""
-        self._is_armed = is_armed
+        self._own["armed"] = is_armed
 
     def update(self, t_s: float, readings: Readings) -> SequencerOutput:
         """One control cycle."""
-        step_s = 0.0 if self._last_t_s is None else max(t_s - self._last_t_s, 0.0)
-        self._last_t_s = t_s
-        estimate = self._estimator.update(readings, self._blind_chambers)
-        volume = self._law.chamber_volumes_m3(self._config.robot.length_m, estimate.stretch, estimate.curvature_1_m)
-        detections = self._detector.update(readings, volume) if self._state is not SequencerState.SAFE else ()
-        recoveries = self._answer(t_s, detections, readings)
-        setpoint = self._act(t_s, step_s, estimate)
-        wants_armed = self._state not in (SequencerState.DISARMED, SequencerState.SAFE)
-        return SequencerOutput(setpoint, self._state, wants_armed, detections, recoveries)
-
-    # ---------------------------------------------------------------- states
-
-    def _act(self, t_s: float, step_s: float, estimate: Estimate) -> FloatArray:
-        nothing = np.zeros(CHAMBERS)
-        state = self._state
-        if state is SequencerState.SAFE:
-            return nothing
-        if self._order.command is Command.STOP or self._arrived(estimate):
-            if state is not SequencerState.DISARMED:
-                self._enter(SequencerState.DISARMED, t_s)
-            return nothing
-        if state is SequencerState.DISARMED:
-            self._enter(SequencerState.PRIMING, t_s)
-            return nothing
-        if not self._is_armed:
-            if state is not SequencerState.PRIMING:  # the board fell back to its safe state: begin anew
-                self._enter(SequencerState.PRIMING, t_s)
-            self._entered_s = t_s
-            return nothing
-        if state is SequencerState.PRIMING:
-            return self._prime(t_s, estimate)
-        if state is SequencerState.REVERSING:
-            return self._reverse(t_s, estimate)
-        return self._roll(t_s, step_s, estimate)
-
-    def _prime(self, t_s: float, estimate: Estimate) -> FloatArray:
-        if t_s == self._entered_s or self._roll_at_order_rad is None:
-            self._roll_at_order_rad = estimate.roll_rad
-            self._side = self._easier_side(estimate)
-        bent = estimate.curvature_size_1_m > _PRIMED_SHARE * self._curvature_1_m
-        if bent or t_s - self._entered_s > _PRIMING_LONGEST_S:
-            self._side = estimate.c_bend_side if bent else self._side
-            self._enter(self._rolling_state(), t_s)
-        return self._bend_towards(commanded_direction_rad(self._side, 0.0, estimate.roll_rad))
-
-    def _roll(self, t_s: float, step_s: float, estimate: Estimate) -> FloatArray:
-        forward = self._forward
-        dead = self.dead_chambers if self._config.recovery else ()
-        if dead and self._planner.due(estimate, self._side, forward, dead):
-            self._planner.begin(t_s, estimate, self._side, dead)
-            self._enter(SequencerState.REVERSING, t_s)
-            return self._reverse(t_s, estimate)
-        self._watch_stall(t_s, step_s, estimate)
-        speed = None if self._order.speed_rev_s is None else 2.0 * math.pi * self._order.speed_rev_s
-        lead = self._speed.lead_rad(speed, -forward * estimate.roll_rate_rad_s, step_s)
-        direction = commanded_direction_rad(self._side, forward * lead, estimate.roll_rad)
-        return self._bend_towards(direction - shortfall_rad(direction, dead))
-
-    def _reverse(self, t_s: float, estimate: Estimate) -> FloatArray:
-        reversal = self._planner.reversal
-        assert reversal is not None
-        if self._planner.over(t_s, estimate, self._curvature_1_m):
-            self._side = reversal.side if estimate.c_bend_side == reversal.side else estimate.c_bend_side
-            self._speed.reset()
-            self._enter(SequencerState.DEGRADED, t_s)
-        return self._bend_towards(reversal.direction_rad)
-
-    def _answer(self, t_s: float, detections: tuple[Detection, ...], readings: Readings) -> tuple[Recovery, ...]:
-        """React to what was found: reverse from now on, or fall back to the safe state."""
-        answers = []
-        for found in detections:
-            kind = FaultKind(found.kind)
-            held_Pa = float(readings.pressure_Pa[found.chamber]) if kind is FaultKind.STUCK_CLOSED else 0.0
-            holds = held_Pa > _HELD_SHARE * self._config.robot.max_pressure_Pa
-            if kind in FORBIDS_ROLLING or holds or not can_roll(self.dead_chambers):
-                self._enter(SequencerState.SAFE, t_s)
-                answers.append(Recovery(t_s, "safe_stop"))
-            elif kind in KILLS_CHAMBER and self._config.recovery:
-                if self._state in _MOVING:
-                    self._enter(SequencerState.DEGRADED, t_s)
-                answers.append(Recovery(t_s, "curvature_reversal"))
-        return tuple(answers)
-
-    def _watch_stall(self, t_s: float, step_s: float, estimate: Estimate) -> None:
-        share = min(1.0, step_s / _STALL_RATE_TIME_S)
-        self._mean_rate_rad_s += share * (estimate.roll_rate_rad_s - self._mean_rate_rad_s)
-        if abs(self._mean_rate_rad_s) > _STALL_RATE_RAD_S:
-            self._still_since_s = None
-            if self._state is SequencerState.STALLED:
-                self._enter(self._rolling_state(), t_s)
-        elif self._still_since_s is None:
-            self._still_since_s = t_s
-        elif self._state is not SequencerState.STALLED and t_s - self._still_since_s > _STALL_TIME_S:
-            self._enter(SequencerState.STALLED, t_s)
-
-    # ---------------------------------------------------------------- helpers
-
-    @property
-    def _forward(self) -> int:
-        """+1: a positive lead, negative revolutions, to the left."""
-        return 1 if self._order.command is Command.LEFT else -1
-
-    def _rolling_state(self) -> SequencerState:
-        return SequencerState.DEGRADED if self.dead_chambers and self._config.recovery else SequencerState.ROLLING
-
-    def _enter(self, state: SequencerState, t_s: float) -> None:
-        self._state, self._entered_s = state, t_s
-        self._still_since_s = None
-        if state in (SequencerState.DISARMED, SequencerState.SAFE, SequencerState.PRIMING):
-            self._planner.reversal = None
-            self._speed.reset()
-
-    def _arrived(self, estimate: Estimate) -> bool:
-        distance_m, start_rad = self._order.distance_m, self._roll_at_order_rad
-        if distance_m is None or start_rad is None:
-            return False
-        return self._advance_m_rad * -self._forward * (estimate.roll_rad - start_rad) >= distance_m
-
-    def _easier_side(self, estimate: Estimate) -> int:
-        """The side on which the living chambers can bend the robot best as it lies."""
-        left, right = (
-            abs(shortfall_rad(commanded_direction_rad(side, 0.0, estimate.roll_rad), self.dead_chambers))
-            for side in (1, -1)
+        own = self._own
+        readings.write(self._reading[0])
+        cycle(self.parts, self.memory, self._reading, float(t_s))
+        return SequencerOutput(
+            own["setpoint_Pa"].copy(),
+            self.state,
+            bool(own["wants_armed"]),
+            detections_of(self.memory.detector[0], readings.t_s),
+            tuple(Recovery(t_s, STRATEGIES[int(own["answer"][n])]) for n in range(int(own["answered"]))),
         )
-        return 1 if left <= right else -1
-
-    def _bend_towards(self, direction_rad: float) -> FloatArray:
-        usable = [c not in self.dead_chambers for c in range(CHAMBERS)]
-        wanted = self._curvature_1_m * np.array([math.cos(direction_rad), math.sin(direction_rad)])
-        return self._law.pressures(
-            wanted,
-            limit_Pa=self._config.robot.max_pressure_Pa,
-            co_contraction_Pa=self._config.co_contraction_Pa,
-            available=usable,
-        ).pressure_Pa
-
-    def _wanted_curvature_1_m(self) -> float:
-        """The curvature to roll with: as ordered, or what every chamber can give well inside the pressure limit."""
-        robot, config = self._config.robot, self._config
-        if config.bend_rad is not None:
-            return config.bend_rad / robot.length_m
-        weakest = math.inf
-        for chamber in range(CHAMBERS):
-            pressure = np.full(CHAMBERS, config.co_contraction_Pa)
-            pressure[chamber] = _USE_OF_LIMIT * robot.max_pressure_Pa
-            weakest = min(weakest, float(np.hypot(*self._law.equilibrium(pressure).curvature_1_m)))
-        return weakest
-
-
-class SpeedRegulator:
-    """Lead from wanted and measured rolling speed: feed-forward of the pressure lag, and a PI correction.
-
-    The curvature follows its command late, by about `LAG_S`, so a steady roll at ω needs a lead of ω·LAG_S and what
-    friction asks for. Without a wanted speed the lead is the largest.
-    """
-
-    LAG_S = 0.12
-    PROPORTIONAL_S = 0.05
-    INTEGRAL = 0.15
-
-    def __init__(self, largest_lead_rad: float) -> None:
-        self._largest_rad = largest_lead_rad
-        self._integral_rad = 0.0
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self._integral_rad = 0.0
-
-    def lead_rad(self, wanted_rad_s: float | None, measured_rad_s: float, step_s: float) -> float:
-        """The lead for this cycle, 0 … the largest [rad]; speeds are positive in the ordered direction."""
-        if wanted_rad_s is None:
-            return self._largest_rad
-        error = wanted_rad_s - measured_rad_s
-        forward = wanted_rad_s * self.LAG_S + self.PROPORTIONAL_S * error
-        lead = forward + self._integral_rad
-        if 0.0 < lead < self._largest_rad or (lead <= 0.0) == (error > 0.0):  # no wind-up against a bound
-            self._integral_rad += self.INTEGRAL * error * step_s
-        return min(max(lead, 0.0), self._largest_rad)

@@ -64,7 +64,7 @@ def lost_shares(faults: Iterable[Fault]) -> FloatArray:
     """
     kept = np.ones(CHAMBER_COUNT)
     for fault in faults:
-        if fault.kind in EMPTIES_CHAMBER:
+        if fault.kind in EMPTIES_CHAMBER and fault.chamber is not None:
             kept[fault.chamber] *= 1.0 - fault.severity
     return 1.0 - kept
 

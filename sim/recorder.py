@@ -91,7 +91,7 @@ class Recorder:
 
     def note_faults(self, struck: Iterable[Fault]) -> None:
         """Faults that have just struck, for the summary."""
-        self.events.faults += [{"t_s": f.t_s, "chamber": f.chamber, "kind": str(f.kind)} for f in struck]
+        self.events.faults += [{"t_s": f.t_s, "chamber": f.chamber_number, "kind": str(f.kind)} for f in struck]
 
     @property
     def shape_every(self) -> int | None:

@@ -26,9 +26,9 @@ from sim.recorder import Record, Recorder, samples_of
 from sim.rod_drive import drive_array, rest_curvature
 from sim.scene import CONTROL_PERIOD_S, Scene, sample_period_s, steps_per_period
 from sim.trajectory import motion_row
-from sim.twins import make_twin
+from sim.twins import make_twin, world_of
 from softbot.errors import InputError, SimulationError
-from softbot.faults import PlantConditions
+from softbot.plant_conditions import PlantConditions
 from softbot.sensing import Readings
 
 FloatArray = NDArray[np.float64]
@@ -324,7 +324,8 @@ def _given_pressures(
 ) -> Callable[[int], None]:
     from sim.plant import Plant  # gas and sensors: not for a given curvature
 
-    plant = Plant(scene.robot, twin, scene.fault, scene.world.gravity_m_s2, scene.solver.seed)
+    gravity_m_s2 = world_of(scene).gravity_vector_m_s2
+    plant = Plant(scene.robot, twin, scene.fault, gravity_m_s2, scene.solver.seed)
 
     def advance(sample: int) -> None:
         setpoint = pressures_Pa(scene.drive, sample * CONTROL_PERIOD_S)

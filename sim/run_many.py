@@ -33,12 +33,13 @@ _LISTENING_S = 0.2  # how long an interrupt may go unheard
 
 
 def run_many(
-    scenes: Iterable[Scene],
+    scenes: Iterable[Any],
     processes: int | None = None,
     record: Record = "summary",
     *,
     run: Callable[[Scene], Any] | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    each: Callable[[Any], None] | None = None,
 ) -> list[Any]:
     """Run scenes over processes (default: one a core that this process may use; 1: here, without another).
 
@@ -46,7 +47,9 @@ def run_many(
     SimulationError of the scene it was at. `record`: "all", or "summary": results carry a telemetry without rows.
     `run`: what is done with a scene in place of `sim.run.simulate`, such as `softbot.nodes.run.run_scene` for scenes
     with valves or a sequencer: an importable function of the scene alone, which decides itself what it records.
-    `progress` is told the number of scenes done, from any thread, one at a time.
+    With `run`, anything that pickles may stand for a scene. `progress` is told the number of scenes done, from any
+    thread, one at a time. `each` is given every result as it comes, likewise, and then none is kept: the list is empty.
+    What it raises ends everything.
 
     Results do not depend on `processes` (but for the times on the clock). Raises InputError for `processes` below 1,
     SimulationError when a process cannot be started.
@@ -64,12 +67,16 @@ def run_many(
     count = min(count, len(todo))
     if count <= 1:
         task = _task(record, run)
-        results = []
-        for scene in todo:
-            results.append(_outcome(task, scene))
-            progress(len(results))
+        results: list[Any] = []
+        for done, scene in enumerate(todo, start=1):
+            result = _outcome(task, scene)
+            if each is None:
+                results.append(result)
+            else:
+                each(result)
+            progress(done)
         return results
-    return _Pool(todo, count, (record, run), progress).results()
+    return _Pool(todo, count, (record, run), progress, each).results()
 
 
 def serve() -> None:
@@ -129,9 +136,14 @@ class _Pool:
     """Processes, each with a thread that feeds it."""
 
     def __init__(
-        self, scenes: list[Scene], count: int, setup: tuple[Any, ...], progress: Callable[[int], None]
+        self,
+        scenes: list[Any],
+        count: int,
+        setup: tuple[Any, ...],
+        progress: Callable[[int], None],
+        each: Callable[[Any], None] | None,
     ) -> None:
-        self._scenes, self._setup, self._progress = scenes, setup, progress
+        self._scenes, self._setup, self._progress, self._each = scenes, setup, progress, each
         self._results: list[Any] = [None] * len(scenes)
         self._share = max(1, min(_AT_ONCE, len(scenes) // (_SHARES * count)))
         self._todo = deque(range(len(scenes)))
@@ -154,7 +166,7 @@ class _Pool:
             self._stop()
         if self._failure is not None:
             raise self._failure
-        return self._results
+        return self._results if self._each is None else []
 
     def _stop(self) -> None:
         with self._lock:
@@ -216,7 +228,10 @@ class _Pool:
 
     def _finish(self, index: int, result: Any) -> None:
         with self._lock:
-            self._results[index] = result
+            if self._each is None:
+                self._results[index] = result
+            else:
+                self._each(result)
             self._done += 1
             self._progress(self._done)
 

@@ -40,8 +40,11 @@ from softbot.faults import (
     EXHAUST_FACTOR,
     FORCED_OPENING,
     INLET_FACTOR,
+    LAG_FACTOR,
     LEAK_RATIO,
     SUPPLY_FACTOR,
+    SUPPLY_PRESSURE_FACTOR,
+    VOLUME_FACTOR,
     PneumaticConditions,
 )
 
@@ -306,7 +309,7 @@ def step_in_place(
     lag = parameters[_VALVE_LAG]
     follow = 1.0 - math.exp(-dt_s / lag) if lag > 0.0 else 1.0
 
-    source = parameters[_SUPPLY_ABSOLUTE]
+    source = atmosphere + (parameters[_SUPPLY_ABSOLUTE] - atmosphere) * conditions[SUPPLY_PRESSURE_FACTOR]
     feed = 0.0
     if main_supply_open:
         feed = flow_coefficient(parameters[_REGULATOR_CONDUCTANCE] * conditions[SUPPLY_FACTOR], temperature)
@@ -323,11 +326,13 @@ def step_in_place(
         forced = conditions[FORCED_OPENING + i]
         if math.isnan(forced):
             wanted = min(max(command_opening[i], -1.0), 1.0)
-            opening = state[OPENING + i] + follow * (wanted - state[OPENING + i])
+            slow = conditions[LAG_FACTOR + i]
+            share = follow if slow == 1.0 or lag <= 0.0 else 1.0 - math.exp(-dt_s / (lag * slow))
+            opening = state[OPENING + i] + share * (wanted - state[OPENING + i])
         else:
             opening = forced
         state[OPENING + i] = opening
-        volume = chamber_volume_m3[i] + parameters[_DEAD_VOLUME + i]
+        volume = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i] + parameters[_DEAD_VOLUME + i]
         trapped = state[GAS_MASS + i] * gas / volume if volume > 0.0 else math.nan
         if not (trapped > 0.0 and math.isfinite(trapped) and math.isfinite(opening)):
             return 1
@@ -354,7 +359,7 @@ def step_in_place(
             else:
                 outlet = -opening * parameters[_EXHAUST_CONDUCTANCE + i] * conditions[EXHAUST_FACTOR + i]
             outlet = flow_coefficient(outlet + supply * conditions[LEAK_RATIO + i], temperature)
-            capacity = (chamber_volume_m3[i] + parameters[_DEAD_VOLUME + i]) / gas
+            capacity = (chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i] + parameters[_DEAD_VOLUME + i]) / gas
             p, flow_in, slope, failed = _solve_chamber(
                 state[GAS_MASS + i] / capacity,
                 capacity,
@@ -391,7 +396,8 @@ def step_in_place(
     state[MANIFOLD_MASS] = manifold_capacity * manifold
     pressure_Pa[MANIFOLD_PRESSURE] = manifold - atmosphere
     for i in range(CHAMBER_COUNT):
-        state[GAS_MASS + i] = (chamber_volume_m3[i] + parameters[_DEAD_VOLUME + i]) / gas * pressure_Pa[i]
+        volume = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i] + parameters[_DEAD_VOLUME + i]
+        state[GAS_MASS + i] = volume / gas * pressure_Pa[i]
         pressure_Pa[i] -= atmosphere
     return status
 

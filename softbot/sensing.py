@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pydantic
@@ -36,6 +36,20 @@ class SensorParameters:
                 raise ValueError(f"{name} must be zero or positive")
 
 
+READINGS = np.dtype(
+    [
+        ("t_s", np.float64),
+        ("pressure_Pa", np.float64, 4),
+        ("supply_Pa", np.float64),
+        ("gyro_rad_s", np.float64, 3),
+        ("accelerometer_m_s2", np.float64, 3),
+        ("opening", np.float64, 4),
+    ],
+    align=True,
+)
+"""`Readings` as a record, for compiled code."""
+
+
 @dataclass(frozen=True)
 class Readings:
     """What the robot's sensors say at one instant."""
@@ -51,3 +65,24 @@ class Readings:
     """Specific force in the axes e1, e2, t, shape (3,)."""
     opening: FloatArray
     """Valve openings that the board commanded over the period before, shape (4,), −1 exhaust … +1 supply."""
+
+    @classmethod
+    def of(cls, record: Any) -> Readings:
+        """What a record of READINGS holds, copied."""
+        return cls(
+            float(record["t_s"]),
+            record["pressure_Pa"].copy(),
+            float(record["supply_Pa"]),
+            record["gyro_rad_s"].copy(),
+            record["accelerometer_m_s2"].copy(),
+            record["opening"].copy(),
+        )
+
+    def write(self, record: Any) -> None:
+        """Copy into a record of READINGS."""
+        record["t_s"] = self.t_s
+        record["pressure_Pa"] = self.pressure_Pa
+        record["supply_Pa"] = self.supply_Pa
+        record["gyro_rad_s"] = self.gyro_rad_s
+        record["accelerometer_m_s2"] = self.accelerometer_m_s2
+        record["opening"] = self.opening

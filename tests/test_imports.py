@@ -4,7 +4,8 @@ firmware_protocol       nothing of ours
 softbot (the core)      the core
 calib, sim, controllers themselves and the core
 softbot.report          itself, the core, sim
-softbot.nodes           everything but softbot.cli
+softbot.nodes           everything but softbot.campaign and softbot.cli
+softbot.campaign        everything but softbot.cli
 softbot.cli             everything
 """
 
@@ -30,7 +31,17 @@ ALLOWED: dict[str, set[str]] = {
     "controllers": {"softbot"},
     "softbot.report": {"softbot", "sim"},
     "softbot.nodes": {"firmware_protocol", "softbot", "calib", "sim", "controllers", "softbot.report"},
-    "softbot.cli": {"firmware_protocol", "softbot", "calib", "sim", "controllers", "softbot.report", "softbot.nodes"},
+    "softbot.campaign": {"firmware_protocol", "softbot", "sim", "controllers", "softbot.report", "softbot.nodes"},
+    "softbot.cli": {
+        "firmware_protocol",
+        "softbot",
+        "calib",
+        "sim",
+        "controllers",
+        "softbot.report",
+        "softbot.nodes",
+        "softbot.campaign",
+    },
 }
 
 

@@ -10,6 +10,7 @@ import typer
 import softbot
 from softbot.cli.bench import bench
 from softbot.cli.calibrate import calibrate
+from softbot.cli.campaign import campaign
 from softbot.cli.demo import demo
 from softbot.cli.exit_status import with_exit_status
 from softbot.cli.figure import figure
@@ -42,6 +43,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "plant": plant,
     "sequence": sequence,
     "hub": hub,
+    "campaign": campaign,
     "bench": bench,
     "figure": figure,
 }

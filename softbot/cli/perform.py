@@ -11,10 +11,22 @@ from softbot.cli.streams import messages, nothing_printed, progress_bar
 
 if TYPE_CHECKING:
     from sim.scene import Scene
+    from softbot.robot import Robot
 
 
-def perform(scene: Scene, folder: Path, *, json: bool, gui: bool = False, wall_clock: bool = False) -> None:
-    """Run a scene into a folder, write its report, and print the outcome (`json`: the summary and nothing else)."""
+def perform(
+    scene: Scene,
+    folder: Path,
+    *,
+    json: bool,
+    gui: bool = False,
+    wall_clock: bool = False,
+    known: Robot | None = None,
+) -> None:
+    """Run a scene into a folder, write its report, and print the outcome (`json`: the summary and nothing else).
+
+    known: the robot that controller and board believe in, where it is another than the scene's.
+    """
     import_twin(scene)
     with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
         from softbot.cli.compiling import told_of_compiling
@@ -25,7 +37,7 @@ def perform(scene: Scene, folder: Path, *, json: bool, gui: bool = False, wall_c
         from softbot.nodes.run import paced, run_scene
 
         with kept(folder), progress_bar(f"{scene.name}, {scene.solver.twin} twin", scene.solver.duration_s) as show:
-            run_scene(scene, folder, progress=paced(show) if wall_clock else show, gui=gui)
+            run_scene(scene, folder, progress=paced(show) if wall_clock else show, gui=gui, known=known)
         with messages().status("writing the report"):
             from softbot.report import write_report
 

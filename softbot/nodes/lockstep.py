@@ -26,7 +26,8 @@ from sim.twins import make_twin, steps_per_period
 from softbot.errors import SimulationError
 from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.plant_node import PlantNode, board_limits
-from softbot.nodes.sequencer_node import ChamberSequencer, SequencerNode
+from softbot.nodes.sequencer_node import ChamberSequencer, SequencerNode, make_sequencer
+from softbot.robot import Robot
 
 BUS_LOG = "bus.log"
 
@@ -43,19 +44,21 @@ def run_lockstep(
     sequencer: ChamberSequencer | None = None,
     gains: PressureLoopGains | None = None,
     board: DecidingBoard = DecidingBoard.PYTHON,
+    known: Robot | None = None,
 ) -> RunResult:
     """Run a scene that a sequencer drives. Raises SimulationError when it fails; what was recorded is kept.
 
     `sequencer` and `gains` (of the pressure loop) stand in for those that follow from the scene; `board` is the
-    implementation of the board's rules that decides.
+    implementation of the board's rules that decides. `known` is the robot that sequencer and board believe in, where it
+    is another than the scene's.
     """
-    board_limits(scene.robot)  # refuses before anything is written
+    board_limits(known or scene.robot)  # refuses before anything is written
     with ExitStack() as stack:
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
-        own = SequencerNode(scene, sequencer)
+        own = SequencerNode(scene, sequencer or make_sequencer(scene, known))
         recorder = Recorder(scene, run_dir, record=record)
-        plant = PlantNode(scene, twin, recorder, gains, board)
+        plant = PlantNode(scene, twin, recorder, gains, board, known)
         channel = f"softbot-lockstep-{next(_channels)}"
         board_bus = stack.enter_context(opened("virtual", channel))
         sequencer_bus = stack.enter_context(opened("virtual", channel))

@@ -21,7 +21,7 @@ from sim.body import Twin
 from sim.plant import Plant
 from sim.recorder import Recorder
 from sim.scene import Scene
-from sim.twins import steps_per_period
+from sim.twins import steps_per_period, world_of
 from softbot.errors import InputError
 from softbot.faults import CHAMBER_COUNT
 from softbot.nodes.deciding_board import DecidingBoard
@@ -50,7 +50,8 @@ def board_limits(robot: Robot) -> BoardLimits:
 class PlantNode:
     """Valve board and robot of one scene. `twin` and `recorder` belong to the caller, who closes them.
 
-    `board` is the implementation of the board's rules that decides.
+    `board` is the implementation of the board's rules that decides. known: the robot that the board believes in; None:
+    the scene's own.
     """
 
     def __init__(
@@ -60,13 +61,15 @@ class PlantNode:
         recorder: Recorder,
         gains: PressureLoopGains | None = None,
         board: DecidingBoard = DecidingBoard.PYTHON,
+        known: Robot | None = None,
     ) -> None:
-        self.rules = board.rules(board_limits(scene.robot), 1 + scene.solver.seed % _CHALLENGES)
-        self.plant = Plant(scene.robot, twin, scene.fault, scene.world.gravity_m_s2, scene.solver.seed)
+        self.rules = board.rules(board_limits(known or scene.robot), 1 + scene.solver.seed % _CHALLENGES)
+        gravity_m_s2 = world_of(scene).gravity_vector_m_s2
+        self.plant = Plant(scene.robot, twin, scene.fault, gravity_m_s2, scene.solver.seed)
         self.heard = Heard()
         self._twin, self._recorder = twin, recorder
         self._steps = steps_per_period(twin.step_s)
-        self._valves = ValveLoop(scene.robot, gains)
+        self._valves = ValveLoop(known or scene.robot, gains)
         self._opening: FloatArray = _VENTING
         self._main_supply_open = False
         self._command_Pa: FloatArray = np.zeros(CHAMBER_COUNT)

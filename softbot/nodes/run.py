@@ -11,6 +11,7 @@ from sim.recorder import Record
 from sim.run import Progress, RunResult, quiet, simulate
 from sim.scene import Scene
 from softbot.nodes.warm_up import warm_up
+from softbot.robot import Robot
 
 
 def run_scene(
@@ -20,11 +21,14 @@ def run_scene(
     record: Record = "all",
     progress: Progress = quiet,
     gui: bool = False,
+    known: Robot | None = None,
 ) -> RunResult:
     """Run a scene, into `run_dir` or (None) into memory, where `record = "summary"` keeps what the summary needs.
 
     "curvature" and "contraction": the twin alone; "pressure": the plant with the pressure loop on its valves;
     "sequencer": plant and sequencer in lock-step on a bus. What a scene has no use for is not imported.
+
+    known: the robot that controller and board believe in, where it is another than the scene's.
 
     Raises InputError for a scene that cannot be run, SimulationError when it fails; when it fails or is interrupted,
     what was recorded is kept.
@@ -35,10 +39,12 @@ def run_scene(
     if scene.drive.kind == "pressure":
         from softbot.nodes.valve_loop import ValveLoop
 
-        return simulate(scene, run_dir, valves=ValveLoop(scene.robot), record=record, progress=progress, gui=gui)
+        return simulate(
+            scene, run_dir, valves=ValveLoop(known or scene.robot), record=record, progress=progress, gui=gui
+        )
     from softbot.nodes.lockstep import run_lockstep
 
-    return run_lockstep(scene, run_dir, record=record, progress=progress, gui=gui)
+    return run_lockstep(scene, run_dir, record=record, progress=progress, gui=gui, known=known)
 
 
 def paced(

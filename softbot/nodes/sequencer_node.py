@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.interface import Command, Detection, Order, Recovery, SequencerOutput, SequencerState
 from firmware_protocol import enumerations
@@ -19,6 +20,7 @@ from firmware_protocol.enumerations import EmergencyReason, FaultKind, Health
 from firmware_protocol.frame import Frame
 from firmware_protocol.sequencer_link import LinkFailure, LinkState, SequencerLink
 from sim.scene import Scene
+from softbot.robot import Robot
 from softbot.sensing import Readings
 
 LAST_MEASUREMENT = "ImuAccelerometer"
@@ -44,13 +46,13 @@ class ChamberSequencer(Protocol):
         """One control cycle."""
 
 
-def make_sequencer(scene: Scene) -> ChamberSequencer:
-    """The sequencer of a scene's robot and `[sequencer]` table."""
+def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer:
+    """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table."""
     from controllers.sequencer import Sequencer, SequencerConfig
 
     own = scene.sequencer
     config = SequencerConfig.of(
-        scene.robot,
+        known or scene.robot,
         recovery=own.recovery,
         lead_rad=own.lead_rad,
         bend_rad=own.bend_rad,
@@ -77,6 +79,7 @@ class SequencerNode:
         self._output = SequencerOutput(np.zeros(4), SequencerState.DISARMED, False)
         self._next_try_s = -math.inf
         self._clock = _BoardClock()
+        self._opening: NDArray[np.float64] | None = None
 
     @property
     def state(self) -> SequencerState:
@@ -161,13 +164,15 @@ class SequencerNode:
             or new.specific_force_m_s2 is None
         ):
             return None
+        commanded = np.array(new.openings)  # from this sampling on; what acted until it was told before
+        acted, self._opening = commanded if self._opening is None else self._opening, commanded
         return Readings(
             t_s=self._clock.here_s(new.sample_time_s, t_s),
             pressure_Pa=np.array(new.pressures_Pa),
             supply_Pa=new.supply_pressure_Pa,
             gyro_rad_s=np.array(new.angular_velocity_rad_s),
             accelerometer_m_s2=np.array(new.specific_force_m_s2),
-            opening=np.array(new.openings),
+            opening=acted,
         )
 
 

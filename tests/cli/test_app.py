@@ -20,7 +20,7 @@ from softbot.cli.exit_status import with_exit_status
 from softbot.cli.streams import messages, nothing_printed, progress_bar
 from softbot.errors import InputError, SimulationError, SoftbotError
 
-COMMANDS = ("demo", "run", "report", "calibrate", "pressure-loop", "plant", "sequence", "bench", "figure")
+COMMANDS = ("demo", "run", "report", "calibrate", "pressure-loop", "plant", "sequence", "campaign", "bench", "figure")
 
 
 def _python(code: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -16,7 +16,8 @@ from controllers.pressure_loop import (
     design_pressure_loop,
 )
 from softbot.errors import InputError
-from softbot.faults import Fault, FaultKind, PlantConditions, PneumaticConditions
+from softbot.faults import Fault, FaultKind, PneumaticConditions
+from softbot.plant_conditions import PlantConditions
 from softbot.pneumatics import PneumaticsParameters, initial_state, step_in_place
 
 SAMPLE_s = 5e-3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.interface import Command, Order, SequencerState
-from controllers.sequencer import Sequencer, SequencerConfig, SpeedRegulator
+from controllers.sequencer import Sequencer, SequencerConfig, regulated_lead_rad, sequencer_memory
 from softbot.faults import Fault
 from softbot.sensing import Readings
 
@@ -123,11 +123,16 @@ def test_a_bend_that_is_ordered_is_the_bend_that_is_commanded(robot):
 
 
 def test_the_speed_regulator_stays_within_the_lead_and_does_not_wind_up():
-    regulator = SpeedRegulator(0.8)
-    assert regulator.lead_rad(None, 0.0, 0.01) == 0.8
+    own = sequencer_memory().own[0]
+
+    def lead_rad(wanted_rad_s: float, measured_rad_s: float) -> float:
+        own["speed_rad_s"] = wanted_rad_s
+        return regulated_lead_rad(own, 0.8, measured_rad_s, 0.01)
+
+    assert lead_rad(math.nan, 0.0) == 0.8
     for _ in range(1000):
-        assert regulator.lead_rad(30.0, 0.0, 0.01) == 0.8  # out of reach
-    assert regulator.lead_rad(1.0, 2.0, 0.01) < 0.3  # and at once free again
-    regulator.reset()
-    leads = [regulator.lead_rad(1.0, 0.9, 0.01) for _ in range(500)]
+        assert lead_rad(30.0, 0.0) == 0.8  # out of reach
+    assert lead_rad(1.0, 2.0) < 0.3  # and at once free again
+    own["lead_integral_rad"] = 0.0
+    leads = [lead_rad(1.0, 0.9) for _ in range(500)]
     assert leads[-1] > leads[0]

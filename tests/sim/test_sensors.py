@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sim.body import Motion
 from sim.sensors import Sensors
-from softbot.faults import Fault, FaultKind, PlantConditions, SENSOR_OFFSET_Pa
+from softbot.faults import Fault, FaultKind, SENSOR_OFFSET_Pa
+from softbot.plant_conditions import PlantConditions
 from softbot.sensing import Readings, SensorParameters
 
 IDEAL = SensorParameters(*[0.0] * 8)

@@ -15,26 +15,33 @@ from softbot.errors import InputError
 from softbot.faults import (
     LEAK_CONDUCTANCE_RATIO,
     RUPTURE_CONDUCTANCE_RATIO,
+    SHARED_KINDS,
     Fault,
     FaultKind,
-    PlantConditions,
     PneumaticConditions,
+    SENSOR_DRIFT_Pa_s,
+    SENSOR_FLOOR_Pa,
     SENSOR_OFFSET_Pa,
 )
+from softbot.plant_conditions import PlantConditions
 
-faults = st.builds(
-    Fault,
-    t_s=st.floats(0, 10),
-    chamber=st.integers(0, 3),
-    kind=st.sampled_from(FaultKind),
-    severity=st.floats(0.01, 1),
-)
+
+@st.composite
+def faults(draw: st.DrawFn) -> Fault:
+    kind = draw(st.sampled_from(FaultKind))
+    return Fault(
+        t_s=draw(st.floats(0, 10)),
+        chamber=None if kind in SHARED_KINDS else draw(st.integers(0, 3)),
+        kind=kind,
+        severity=draw(st.floats(0.01, 1)),
+        ramp_s=draw(st.sampled_from([0.0, 0.5, 30.0])),
+        period_s=draw(st.sampled_from([None, 0.3])),
+        duty=draw(st.floats(0.1, 1)),
+    )
 
 
 def snapshot(conditions: PlantConditions) -> np.ndarray:
-    return np.concatenate(
-        [conditions.pneumatic.packed, conditions.sensor_offset_Pa, conditions.sensor_stuck.astype(float)]
-    )
+    return conditions.packed.copy()
 
 
 def conditions_after(*listed: Fault, t_s: float = 100.0) -> PlantConditions:
@@ -108,7 +115,7 @@ def test_faults_on_one_chamber_combine():
 
 
 @settings(deadline=None, max_examples=50)
-@given(st.lists(faults, max_size=6), st.lists(st.floats(0, 12), max_size=6))
+@given(st.lists(faults(), max_size=6), st.lists(st.floats(0, 12), max_size=6))
 def test_conditions_depend_on_the_time_and_not_on_the_steps_taken_to_it(listed, times):
     stepped, leapt = PlantConditions(listed), PlantConditions(listed)
     told = [fault for t_s in [*sorted(times), 12.0] for fault in stepped.advance(t_s)]
@@ -140,11 +147,53 @@ def test_time_does_not_run_backwards():
         ({"severity": 0.0}, r"fault\.severity = 0\.0"),
         ({"severity": 1.5}, r"fault\.severity = 1\.5"),
         ({"severity": math.nan}, r"fault\.severity = nan"),
+        ({"kind": None}, r"fault\.kind: missing; must be one of rupture, leak"),
+        ({"chamber": None}, r"fault\.chamber: missing; leak is one chamber's"),
+        ({"kind": "supply_loss"}, r"fault\.chamber = 0: supply_loss concerns all chambers; leave chamber out"),
+        ({"ramp_s": -1.0}, r"fault\.ramp_s = -1\.0"),
+        ({"ramp_s": math.inf}, r"fault\.ramp_s = inf"),
+        ({"period_s": 0.0}, r"fault\.period_s = 0\.0"),
+        ({"duty": 0.0}, r"fault\.duty = 0\.0"),
+        ({"duty": 1.5}, r"fault\.duty = 1\.5"),
     ],
 )
 def test_fault_out_of_range_is_refused_by_name(change, message):
     with pytest.raises(InputError, match=message):
         Fault(**{"t_s": 1.0, "chamber": 0, "kind": "leak", "severity": 1.0} | change)
+
+
+def test_a_fault_grows_over_its_ramp_and_stays():
+    slow = Fault(2.0, 1, "leak", 0.8, ramp_s=4.0)
+    shares = [conditions_after(slow, t_s=t_s).pneumatic.leak_ratio[1] for t_s in (1.0, 2.0, 3.0, 6.0, 60.0)]
+    np.testing.assert_allclose(shares, [0.0, 0.0, 0.2, 0.8, 0.8])
+
+
+def test_an_intermittent_fault_comes_and_goes():
+    loose = Fault(1.0, 2, "sensor_dropout", period_s=0.5, duty=0.2)
+    readings = [
+        conditions_after(loose, t_s=t_s).sensor_reading_Pa([0.0] * 4, [0.0] * 4)[2]
+        for t_s in (0.9, 1.05, 1.15, 1.45, 1.55, 1.65)
+    ]
+    np.testing.assert_allclose(readings, [0.0, SENSOR_FLOOR_Pa, 0.0, 0.0, SENSOR_FLOOR_Pa, 0.0])
+
+
+@pytest.mark.parametrize("kind", FaultKind)
+def test_every_kind_changes_the_plant(kind):
+    chamber = None if kind in SHARED_KINDS else 1
+    broken = conditions_after(Fault(1.0, chamber, kind, 0.5), t_s=3.0)
+    healthy = conditions_after(t_s=3.0)
+    assert not np.array_equal(snapshot(broken), snapshot(healthy), equal_nan=True)
+
+
+def test_swapped_lines_show_each_others_pressures():
+    shown = conditions_after(Fault(0.0, 3, "lines_swapped")).sensor_reading_Pa([1e3, 2e3, 3e3, 4e3], [0.0] * 4)
+    np.testing.assert_allclose(shown, [4e3, 2e3, 3e3, 1e3])
+
+
+def test_a_drift_ends_at_its_limit():
+    drift = Fault(10.0, 0, "sensor_drift", 0.5)
+    shown = [conditions_after(drift, t_s=t_s).sensor_reading_Pa([0.0] * 4, [0.0] * 4)[0] for t_s in (20.0, 1e4)]
+    np.testing.assert_allclose(shown, [0.5 * SENSOR_DRIFT_Pa_s * 10.0, SENSOR_OFFSET_Pa])
 
 
 def test_supply_factor_stays_between_nothing_and_all():

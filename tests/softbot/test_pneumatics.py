@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from softbot import pneumatics
 from softbot.errors import InputError, SimulationError
-from softbot.faults import Fault, PlantConditions, PneumaticConditions
+from softbot.faults import Fault, PneumaticConditions
+from softbot.plant_conditions import PlantConditions
 from softbot.pneumatics import PneumaticsParameters, initial_state, pressures, step, valve_mass_flow
 
 C = 1e-9

@@ -1,0 +1,296 @@
+"""One control period of the plant in compiled code: faults, gas, wall, and where the twin is a rod, its motion too.
+
+`gas_and_wall` takes one step: what is wrong now, the gas balance at the volumes that the robot's shape leaves, the
+actuator law's rest strains and stiffness at the new pressures. `rod_period` does so for all steps of a control period
+and moves the rod between. The rod's own kernel is handed in as a function: it takes long to compile, and so is compiled
+once.
+
+Softening scales the wall around a chamber: the quarter of the section nearest to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from sim import rod_memory
+from sim.motion_rows import ROW_SIZE
+from sim.rod import RodTwin
+from sim.rod_drive import hold
+from sim.rod_kernel import play
+from sim.rod_memory import Layout, Physics, State, carve
+from softbot import actuator, material, plant_conditions, pneumatics
+from softbot.actuator import ActuatorLaw, _solve
+from softbot.cross_section import CHAMBER_ANGLES_RAD
+from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE, VOLUME_FACTOR
+from softbot.kernel_entry import Handed, handed
+from softbot.kernel_stamp import kernel_stamp
+from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, WIDENING_1_Pa, conditions_at
+from softbot.pneumatics import PRESSURES_SIZE, STATE_SIZE, step_in_place
+from softbot.robot import Robot
+
+FloatArray = NDArray[np.float64]
+
+PLANT = np.dtype(
+    [
+        ("gas", np.float64, STATE_SIZE),
+        ("pressure_Pa", np.float64, PRESSURES_SIZE),
+        ("strain", np.float64, 3),
+        ("rest", np.float64, 3),
+        ("stiffness", np.float64, (3, 3)),
+        ("load", np.float64, 3),
+        ("volume_m3", np.float64, CHAMBER_COUNT),
+        ("wall_factor", np.float64, CHAMBER_COUNT),
+    ],
+    align=True,
+)
+"""State of a plant as a record: gas, gauge pressures (four chambers, manifold), strains (ℓ, k1, k2) that the robot has
+and those that its section would rest at, tangent stiffness; scratch."""
+
+DONE, NO_GAS_BALANCE, NO_SECTION, ROD_LOST = range(4)
+"""What a kernel of the plant returns."""
+
+
+class PlantParts(NamedTuple):
+    """What a plant is made of, as compiled code takes it."""
+
+    pneumatics: FloatArray
+    section: tuple[Any, ...]
+    """The wall as the actuator law's kernels take it; its points are this plant's own."""
+    sound_areas_m2: FloatArray
+    """Area weights of the wall's points while nothing has softened, shape (n,)."""
+    nearest_chamber: NDArray[np.int64]
+    """Of each point of the wall, shape (n,)."""
+    load: FloatArray
+    """B of the actuator law, shape (3, 4)."""
+    dead_band_Pa: float
+    length_m: float
+    twisting_stiffness_N_m2: float
+    faults: FloatArray
+    """Rows of `softbot.plant_conditions.faults_array`."""
+
+
+def plant_parts(robot: Robot, law: ActuatorLaw, faults: FloatArray) -> PlantParts:
+    """The parts of a robot's plant."""
+    points, *wall = law._points.copy(), *law._material()
+    angle = np.arctan2(points[:, 1], points[:, 0])
+    off = np.abs(np.angle(np.exp(1j * (angle[:, None] - np.array(CHAMBER_ANGLES_RAD)))))
+    return PlantParts(
+        robot.pneumatics.as_arrays(),
+        (points, *wall),
+        points[:, 2].copy(),
+        np.argmin(off.round(9), axis=1).astype(np.int64),
+        law.load_matrix,
+        float(law.dead_band_Pa),
+        float(robot.length_m),
+        float(robot.twisting_stiffness),
+        faults,
+    )
+
+
+def plant_memory(strain: FloatArray, gas: FloatArray, supply_Pa: float) -> Any:
+    """Memory of a plant at rest with its chambers vented, shape (1,) of PLANT."""
+    memory = np.zeros(1, PLANT).view(np.recarray)
+    own = memory[0]
+    own["gas"], own["strain"], own["rest"] = gas, strain, (1.0, 0.0, 0.0)
+    own["pressure_Pa"][CHAMBER_COUNT] = supply_Pa
+    own["wall_factor"] = 1.0
+    return memory
+
+
+class RodParts(NamedTuple):
+    """A rod as its kernel takes it."""
+
+    memory: FloatArray
+    layout: Layout
+    shares: FloatArray
+    """Of the bending energy in each mode, shape (modes,)."""
+    stretches: bool
+    step_s: float
+
+
+def rod_parts(rod: RodTwin) -> RodParts:
+    """The parts of a rod that `rod_period` moves."""
+    return RodParts(
+        rod._memory,
+        rod._layout,
+        np.ascontiguousarray(rod._shares, dtype=np.float64),
+        bool(rod._physics.stretches),
+        rod.step_s,
+    )
+
+
+HOLD = hold()
+"""A drive that leaves the rest strains as they are."""
+NO_ROWS: FloatArray = np.empty((0, ROW_SIZE))
+
+
+@njit(cache=True)
+def _elastic_energy(state: State) -> float:
+    total = 0.0
+    for a in range(state.strain.shape[0]):
+        off = state.strain[a] - state.rest_strain[a]
+        for b in range(state.strain.shape[0]):
+            total += 0.5 * off * state.stiffness[a, b] * (state.strain[b] - state.rest_strain[b])
+    return total
+
+
+@njit(cache=True)
+def set_rod_rest(
+    state: State, layout: Layout, rod: RodParts, parts: PlantParts, rest: FloatArray, stiffness: FloatArray
+) -> None:
+    """`sim.rod.RodTwin.set_rest` in compiled code: rest strains (ℓ, k1, k2) and section stiffness (3, 3)."""
+    length = parts.length_m
+    before_J = _elastic_energy(state)
+    axial = stiffness[0, 0]
+    k11 = stiffness[1, 1] - stiffness[1, 0] * stiffness[0, 1] / axial
+    k12 = stiffness[1, 2] - stiffness[1, 0] * stiffness[0, 2] / axial
+    k22 = stiffness[2, 2] - stiffness[2, 0] * stiffness[0, 2] / axial
+    matrix, wanted = state.stiffness, state.rest_strain
+    changed = wanted[0] != -rest[2] or wanted[1] != rest[1]
+    changed = changed or (rod.stretches and wanted[-1] != rest[0])
+    for m in range(layout.modes):
+        share = length * rod.shares[m]
+        matrix[3 * m, 3 * m] = share * k22
+        matrix[3 * m + 1, 3 * m + 1] = share * k11
+        matrix[3 * m, 3 * m + 1] = matrix[3 * m + 1, 3 * m] = -share * k12
+        matrix[3 * m + 2, 3 * m + 2] = share * parts.twisting_stiffness_N_m2
+    wanted[0], wanted[1] = -rest[2], rest[1]
+    if rod.stretches:
+        matrix[0, 0], matrix[1, 1] = length * stiffness[2, 2], length * stiffness[1, 1]
+        matrix[0, 1] = matrix[1, 0] = -length * stiffness[1, 2]
+        matrix[-1, -1] = length * axial
+        matrix[0, -1] = matrix[-1, 0] = -length * stiffness[2, 0]
+        matrix[1, -1] = matrix[-1, 1] = length * stiffness[1, 0]
+        wanted[-1] = rest[0]
+    if changed:
+        state.flag[_WORK] += _elastic_energy(state) - before_J
+        state.flag[_ASLEEP] = state.flag[_RESTED] = 0.0
+
+
+_ALOFT, _RESTED, _WORK, _ASLEEP = 0, 1, 3, 7  # places of `State.flag`
+
+
+_STAMP = kernel_stamp(actuator, material, plant_conditions, pneumatics, rod_memory, __file__)
+
+
+def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
+    @njit(cache=True, nogil=True)
+    def gas_and_wall(
+        parts: PlantParts,
+        memory: Any,
+        conditions: FloatArray,
+        opening: FloatArray,
+        main_supply_open: bool,
+        t_s: float,
+        step_s: float,
+    ) -> int:
+        """One step of gas and wall under the faults of the time t_s; memory[0] (PLANT) and conditions are moved."""
+        own = memory[0]
+        conditions_at(t_s, parts.faults, conditions)
+        section, load = parts.section, parts.load
+        points = section[0]
+        softened = False
+        for i in range(CHAMBER_COUNT):
+            volume = 0.0
+            for a in range(3):
+                volume += load[a, i] * own.strain[a]
+            own.volume_m3[i] = parts.length_m * volume
+            conditions[VOLUME_FACTOR + i] *= 1.0 + conditions[WIDENING_1_Pa + i] * max(own.pressure_Pa[i], 0.0)
+            softened = softened or own.wall_factor[i] != conditions[WALL_FACTOR + i]
+        if softened:
+            for i in range(CHAMBER_COUNT):
+                own.wall_factor[i] = conditions[WALL_FACTOR + i]
+            for n in range(points.shape[0]):
+                points[n, 2] = parts.sound_areas_m2[n] * own.wall_factor[parts.nearest_chamber[n]]
+        failed = step_in_place(
+            own.gas,
+            own.pressure_Pa,
+            opening,
+            main_supply_open,
+            own.volume_m3,
+            step_s,
+            conditions[:CONDITIONS_SIZE],
+            parts.pneumatics,
+        )
+        if failed:
+            return NO_GAS_BALANCE
+        for a in range(3):
+            own.load[a] = 0.0
+        for i in range(CHAMBER_COUNT):
+            pressure = own.pressure_Pa[i]
+            effective_Pa = max(pressure - parts.dead_band_Pa, 0.0) + min(pressure, 0.0)
+            for a in range(3):
+                own.load[a] += load[a, i] * effective_Pa * conditions[LOAD_FACTOR + i]
+        if not _solve(*section, own.load, own.rest, own.stiffness):
+            return NO_SECTION
+        return DONE if len(stamp) > 0 else NO_SECTION
+
+    return gas_and_wall
+
+
+gas_and_wall = _compile_gas_and_wall(_STAMP)
+
+
+def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
+    # another kernel in its closure would never be found again in numba's cache: each has a name of its own
+    @njit(cache=True, nogil=True)
+    def rod_period(
+        play: Any,
+        parts: PlantParts,
+        memory: Any,
+        conditions: FloatArray,
+        rod: RodParts,
+        physics: Physics,
+        hold_drive: FloatArray,
+        no_rows: FloatArray,
+        opening: FloatArray,
+        main_supply_open: bool,
+        first: int,
+        steps: int,
+    ) -> int:
+        """`steps` steps of the plant, the first of them step number `first` (from 0), with the valves as they are."""
+        own = memory[0]
+        state = carve(rod.memory, rod.layout)[0]
+        for step in range(first, first + steps):
+            t_s = (step + 1) * rod.step_s
+            done = gas_and_wall(
+                parts, memory, conditions, opening, main_supply_open, t_s - 0.5 * rod.step_s, rod.step_s
+            )
+            if done != DONE:
+                return done
+            set_rod_rest(state, rod.layout, rod, parts, own.rest, own.stiffness)
+            if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows) < 1:
+                return ROD_LOST
+            own.strain[0] = state.strain[-1] if rod.stretches else 1.0
+            own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
+        return DONE if len(stamp) > 0 else ROD_LOST
+
+    return rod_period
+
+
+rod_period = _compile_rod_period(_STAMP)
+
+
+def handed_play(rod: RodTwin) -> Handed:
+    """The rod's kernel, to be handed to `rod_period`."""
+    return handed(play, rod._memory, rod._layout, rod._physics, HOLD, 1, 1, NO_ROWS)
+
+
+def failure(done: int, t_s: float, pressure_Pa: FloatArray) -> str:
+    """What a kernel of the plant returned, in words."""
+    if done == NO_GAS_BALANCE:
+        return f"the gas balance of the chambers has no solution at t = {t_s:.3f} s"
+    if done == NO_SECTION:
+        return (
+            f"no equilibrium of the section at pressures {pressure_Pa[:CHAMBER_COUNT].tolist()} Pa, t = {t_s:.3f} s: "
+            "they crush or burst it"
+        )
+    assert done == ROD_LOST
+    return (
+        f"the rod twin left its range at t = {t_s:.4g} s (a strain or a speed is not finite, or the tube "
+        "shrank to nothing): use a milder command or a heavier, softer or more damped robot"
+    )

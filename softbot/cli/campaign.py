@@ -1,0 +1,129 @@
+"""`softbot campaign`: thousands of runs drawn from distributions, their table and their report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from softbot.cli.options import Assignments, Json
+
+
+def campaign(
+    campaign: Annotated[
+        Path, typer.Argument(metavar="CAMPAIGN.toml", help="Campaign file, or the folder of a campaign to go on with.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the campaign; one that was begun there goes on. Default: runs/NAME."),
+    ] = None,
+    assignments: Assignments = None,
+    runs: Annotated[int | None, typer.Option(help="Number of runs, in place of the file's.")] = None,
+    processes: Annotated[int | None, typer.Option(help="Processes. Default: one for each core.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers make the runs.")
+    ] = None,
+    replay: Annotated[
+        int | None, typer.Option(metavar="RUN", help="Make this one run on the bus, with telemetry and report.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Make the runs of a campaign.
+
+    Its folder holds every run's row as soon as it is made, so that a campaign that was interrupted goes on where it
+    stopped; at the end results.parquet and report.html.
+    """
+    import json as json_format
+
+    from softbot.campaign.campaign import load_campaign
+    from softbot.campaign.execution import CAMPAIGN_FILE, campaign_in
+
+    given = list(assignments or [])
+    if runs is not None:
+        given.append(f"runs={runs}")
+    folder = out
+    if campaign.is_dir():
+        if (campaign / CAMPAIGN_FILE).exists() and not given:
+            draws, folder = campaign_in(campaign), folder or campaign
+        else:
+            draws, folder = load_campaign(campaign / CAMPAIGN_FILE, tuple(given)), folder or campaign
+    else:
+        draws = load_campaign(campaign, tuple(given))
+    folder = folder or Path("runs") / draws.campaign.name
+    if replay is not None:
+        _replay(draws, replay, folder, json=json)
+        return
+    found = _carry_out(draws, folder, processes, scheduler)
+    if json:
+        typer.echo(json_format.dumps(found, allow_nan=False))
+    else:
+        _show(found, folder)
+
+
+def _replay(draws: Any, number: int, folder: Path, *, json: bool) -> None:
+    from softbot.cli.perform import perform
+    from softbot.cli.run_folder import open_run_folder
+    from softbot.errors import InputError
+
+    if not 0 <= number < draws.campaign.runs:
+        raise InputError(f"--replay {number}: the campaign has runs 0 to {draws.campaign.runs - 1}")
+    run = draws.run(number)
+    perform(run.scene, open_run_folder(run.scene.name, folder / f"run-{number}"), json=json, known=run.known)
+
+
+def _carry_out(draws: Any, folder: Path, processes: int | None, scheduler: str | None) -> dict[str, Any]:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from softbot.campaign.execution import carry_out
+    from softbot.campaign.page import write_page
+    from softbot.campaign.statistics import Tally, statistics
+    from softbot.cli.compiling import told_of_compiling
+    from softbot.cli.streams import messages
+    from softbot.nodes.direct import warm_up
+
+    with told_of_compiling("preparing", "compiling twin and controller, once on this machine: about a minute"):
+        warm_up(draws.run(0).scene)
+    console, tally = messages(), Tally()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:.1f} runs/s"),
+        TextColumn("{task.fields[found]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=console.quiet) as bar:
+        task = bar.add_task(draws.campaign.name, total=draws.campaign.runs, rate=0.0, found="")
+
+        def told(row: dict[str, Any]) -> None:
+            tally.add(row)
+            bar.update(task, advance=1, rate=tally.rate(), found=tally.words())
+
+        table = carry_out(
+            draws,
+            folder,
+            processes=processes,
+            scheduler=scheduler,
+            told=told,
+            begun=lambda done: bar.update(task, completed=done),
+        )
+    with messages().status("writing the report"):
+        found = statistics(table)
+        write_page(draws, table, found, folder)
+    return found
+
+
+def _show(found: dict[str, Any], folder: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from softbot.campaign.statistics import lines
+
+    console = Console()
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for name, value in lines(found):
+        table.add_row(name, value)
+    console.print(table)
+    for name in ("report.html", "results.parquet"):
+        console.print(f"{name:16} {folder / name}", soft_wrap=True, highlight=False)

@@ -1,0 +1,21 @@
+"""Digests of source files, for compiled kernels that call others.
+
+numba keeps compiled code on disk and looks only at the file of the function that Python calls, not at the files of what
+that function calls in turn. A kernel made by a function that takes such a digest, and uses it, is compiled anew when
+any of those files has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from types import ModuleType
+
+
+def kernel_stamp(*sources: ModuleType | str | Path) -> str:
+    """Digest of the source files of modules, or of files."""
+    digest = hashlib.sha256()
+    for source in sources:
+        path = Path(str(source.__file__)) if isinstance(source, ModuleType) else Path(source)
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
