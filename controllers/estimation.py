@@ -3,7 +3,8 @@
 Roll is the right-handed turning of the mid cross-section about its tangent against the vertical (chamber 0 to the left:
 0; up: +90°). The gyro's tangential rate is integrated; the accelerometer, whose specific force points up when the robot
 moves steadily, corrects the angle and the gyro's bias (a complementary filter with integral action after Mahony),
-trusted the less the further its size is from g. The curvature follows from the measured pressures by the actuator law.
+trusted the less the further its size is from g. The curvature follows from the measured pressures by the actuator law,
+through the chambers' memory where the robot has one.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.compensation import Compensator
 from softbot.actuator import ActuatorLaw
 from softbot.errors import SimulationError
 from softbot.sensing import Readings
@@ -63,8 +65,11 @@ class Estimate:
 class Estimator:
     """Follows the robot from cycle to cycle. One `update` a cycle."""
 
-    def __init__(self, law: ActuatorLaw, gains: RollFilterGains | None = None) -> None:
+    def __init__(
+        self, law: ActuatorLaw, gains: RollFilterGains | None = None, compensator: Compensator | None = None
+    ) -> None:
         self._law, self._gains = law, gains or RollFilterGains()
+        self._compensator = compensator or Compensator(law)
         self._roll_rad, self._rate_rad_s, self._bias_rad_s = 0.0, 0.0, 0.0
         self._last_t_s: float | None = None
         self._last_curvature: FloatArray = np.zeros(2)
@@ -82,13 +87,13 @@ class Estimator:
         else:
             size = math.hypot(force[0], force[1])
             trust = math.exp(-(((size / STANDARD_GRAVITY_M_S2 - 1.0) / 0.25) ** 2))
+        step_s = 0.0 if self._last_t_s is None else max(readings.t_s - self._last_t_s, 0.0)
         if self._last_t_s is None:
             self._roll_rad = up_rad
         else:
-            step_s = max(readings.t_s - self._last_t_s, 0.0)
             self._follow(step_s, spin, up_rad, trust)
         self._last_t_s = readings.t_s
-        self._bend(readings.pressure_Pa, dead)
+        self._bend(readings.pressure_Pa, dead, step_s)
         return Estimate(self._roll_rad, self._rate_rad_s, self._last_curvature, self._last_stretch)
 
     def _follow(self, step_s: float, spin_rad_s: float, up_rad: float, trust: float) -> None:
@@ -100,13 +105,13 @@ class Estimator:
         self._bias_rad_s -= step_s * gains.bias_1_s2 * error
         self._rate_rad_s += (rate - self._rate_rad_s) * min(1.0, step_s / gains.rate_time_s)
 
-    def _bend(self, pressure_Pa: FloatArray, dead: Sequence[int]) -> None:
+    def _bend(self, pressure_Pa: FloatArray, dead: Sequence[int], step_s: float) -> None:
         if not np.isfinite(pressure_Pa).all():
             return
         living = np.maximum(pressure_Pa, 0.0)
         living[list(dead)] = 0.0
         try:
-            bent = self._law.equilibrium(living)
+            bent = self._law.equilibrium(self._compensator.observe(living, step_s))
         except SimulationError:
             return  # a reading that no section could carry: keep what was believed before
         self._last_curvature, self._last_stretch = bent.curvature_1_m, bent.stretch

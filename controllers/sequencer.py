@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.commutation import can_roll, commanded_direction_rad, shortfall_rad
+from controllers.compensation import Compensator
 from controllers.estimation import Estimate, Estimator
 from controllers.fault_detection import FaultDetector
 from controllers.interface import (
@@ -91,7 +92,8 @@ class Sequencer:
     def __init__(self, config: SequencerConfig) -> None:
         self._config = config
         self._law: ActuatorLaw = config.robot.actuator_law()
-        self._estimator = Estimator(self._law)
+        self._compensator = Compensator(self._law, config.robot.actuator_memory())
+        self._estimator = Estimator(self._law, compensator=self._compensator)
         self._detector = FaultDetector(config.robot.pneumatics, config.robot.sensors)
         self._planner = ReversalPlanner()
         self._speed = SpeedRegulator(config.lead_rad)
@@ -107,6 +109,7 @@ class Sequencer:
         self._still_since_s: float | None = None
         self._mean_rate_rad_s = 0.0
         self._last_t_s: float | None = None
+        self._step_s = 0.0
 
     @property
     def state(self) -> SequencerState:
@@ -139,7 +142,7 @@ class Sequencer:
     def update(self, t_s: float, readings: Readings) -> SequencerOutput:
         """One control cycle."""
         step_s = 0.0 if self._last_t_s is None else max(t_s - self._last_t_s, 0.0)
-        self._last_t_s = t_s
+        self._last_t_s, self._step_s = t_s, step_s
         estimate = self._estimator.update(readings, self._blind_chambers)
         volume = self._law.chamber_volumes_m3(self._config.robot.length_m, estimate.stretch, estimate.curvature_1_m)
         detections = self._detector.update(readings, volume) if self._state is not SequencerState.SAFE else ()
@@ -267,8 +270,9 @@ class Sequencer:
     def _bend_towards(self, direction_rad: float) -> FloatArray:
         usable = [c not in self.dead_chambers for c in range(CHAMBERS)]
         wanted = self._curvature_1_m * np.array([math.cos(direction_rad), math.sin(direction_rad)])
-        return self._law.pressures(
+        return self._compensator.pressures(
             wanted,
+            dt_s=self._step_s,
             limit_Pa=self._config.robot.max_pressure_Pa,
             co_contraction_Pa=self._config.co_contraction_Pa,
             available=usable,
