@@ -45,6 +45,8 @@ FloatArray = NDArray[np.float64]
 
 _MIN_STRETCH = 0.05  # below this the wall is crushed and no law means anything
 _NEWTON_STEPS = 60
+_REACHED = 0.01  # of what was wanted
+_STRAIGHT_1_M = 1e-6
 _PRE_STRETCH = PARAMETERS  # its place in the kernels' numbers of a wall, after those of the material
 PRE_STRETCH_BOUNDS = (0.5, 3.0)
 
@@ -73,6 +75,10 @@ class InverseSolution:
     """The curvature vector they give, shape (2,) [1/m]."""
     reached: bool
     """Whether that is the wanted vector (within 1 % of its size)."""
+    stretch: float
+    """The axial stretch that goes with it."""
+    stretch_reached: bool
+    """Whether that is the wanted stretch (within 1 % of its part beyond 1); True where none was wanted."""
 
 
 @dataclass(frozen=True)
@@ -146,15 +152,13 @@ class ActuatorLaw:
         crush the wall or the equation has no solution.
         """
         pressure = _four(pressure_Pa, "pressure_Pa")
-        effective_Pa = np.maximum(pressure - self.dead_band_Pa, 0.0) + np.minimum(pressure, 0.0)
-        strain, stiffness = np.array([1.0, 0.0, 0.0]), np.empty((3, 3))
-        if not _solve(self._points, *self._material(), self._load @ effective_Pa, strain, stiffness):
+        strain, stiffness, jacobian = np.array([1.0, 0.0, 0.0]), np.empty((3, 3)), np.empty((3, CHAMBERS))
+        numbers = (self._points, *self._material(), self._load, self.dead_band_Pa)
+        if not _equilibrium(*numbers, pressure, strain, stiffness, jacobian):
             raise SimulationError(
                 f"no equilibrium of the section at pressures {pressure.tolist()} Pa: they crush or burst it"
             )
-        active = (pressure >= self.dead_band_Pa) | (pressure < 0.0)  # at the band's edge the slope of rising pressure
-        jacobian = np.asarray(np.linalg.solve(stiffness, self._load * active), dtype=np.float64)
-        return Equilibrium(float(strain[0]), strain[1:].copy(), stiffness, jacobian)
+        return Equilibrium(float(strain[0]), strain[1:], stiffness, jacobian)
 
     def equilibria(self, pressure_Pa: ArrayLike, start: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """`equilibrium` for many pressures at once, shape (n, 4) [Pa gauge], without the Jacobians.
@@ -188,35 +192,48 @@ class ActuatorLaw:
         limit_Pa: float,
         co_contraction_Pa: float = 0.0,
         available: Sequence[bool] = (True, True, True, True),
+        stretch: float | None = None,
     ) -> InverseSolution:
         """Pressures in [0, limit_Pa] that bend the section to the wanted curvature vector, shape (2,) [1/m].
 
         Every available chamber holds at least `co_contraction_Pa` (which stiffens and lengthens the tube); chambers
-        that are not available stay at zero. Of all solutions the one of least total pressure is taken. A direction
-        that the available chambers cannot give is replaced by the nearest that they can, and a size beyond the
-        limit by the largest in that direction; `reached` then is False.
+        that are not available stay at zero. The rest is as in `pressures_within`.
+        """
+        if not 0.0 <= co_contraction_Pa <= limit_Pa:
+            raise InputError(f"co_contraction_Pa = {co_contraction_Pa:g}: give 0 … limit_Pa = {limit_Pa:g}")
+        usable = np.array([bool(a) for a in available])
+        least, most = np.where(usable, co_contraction_Pa, 0.0), np.where(usable, limit_Pa, 0.0)
+        return self.pressures_within(curvature_1_m, least_Pa=least, most_Pa=most, stretch=stretch)
+
+    def pressures_within(
+        self, curvature_1_m: ArrayLike, *, least_Pa: ArrayLike, most_Pa: ArrayLike, stretch: float | None = None
+    ) -> InverseSolution:
+        """Pressures from `least_Pa` to `most_Pa`, shape (4,) each, that bend the section to a curvature vector (2,).
+
+        The solution of least total pressure is taken where only the chambers on the outer side are needed, or else the
+        shortest tube that can hold the bend (a wall that softens bends further when it is longer). With a wanted
+        `stretch` it is the one that has it, or else the nearest that goes with the bend. A direction that the chambers
+        cannot give is replaced by the nearest that they can, and a size beyond their limits by the largest in that
+        direction; `reached` then is False. Raises InputError for what is not finite, or limits that cross.
         """
         wanted = np.asarray(curvature_1_m, dtype=float)
         if wanted.shape != (2,) or not np.all(np.isfinite(wanted)):
             raise InputError(f"curvature_1_m = {wanted.tolist()!r}: give two finite numbers [1/m]")
-        if not 0.0 <= co_contraction_Pa <= limit_Pa:
-            raise InputError(f"co_contraction_Pa = {co_contraction_Pa:g}: give 0 … limit_Pa = {limit_Pa:g}")
-        usable = np.array([bool(a) for a in available])
-        pressure, strain = np.empty(CHAMBERS), np.array([1.0, wanted[0], wanted[1]])
-        _invert(
-            self._points,
-            *self._material(),
-            self._load,
-            usable,
-            co_contraction_Pa,
-            limit_Pa,
-            self.dead_band_Pa,
-            strain,
-            pressure,
-        )
-        given = self.equilibrium(pressure).curvature_1_m
-        tolerance = 0.01 * max(float(np.hypot(*wanted)), 1e-6 / self.section.radius_m)
-        return InverseSolution(pressure, given, bool(np.hypot(*(given - wanted)) <= tolerance))
+        least, most = _four(least_Pa, "least_Pa"), _four(most_Pa, "most_Pa")
+        if np.any(least < 0.0) or np.any(most < least):
+            raise InputError(f"least_Pa = {least.tolist()}, most_Pa = {most.tolist()}: give 0 ≤ least_Pa ≤ most_Pa")
+        if stretch is not None and not (math.isfinite(stretch) and stretch > 0.0):
+            raise InputError(f"stretch = {stretch!r}: give a positive, finite number (1: the length at rest)")
+        pressure, given = np.empty(CHAMBERS), np.empty(3)
+        numbers = (self._points, *self._material(), self._load, self.dead_band_Pa)
+        if not _inverse(*numbers, least, most, wanted, math.nan if stretch is None else stretch, pressure, given):
+            raise SimulationError(
+                f"no equilibrium of the section at pressures {pressure.tolist()} Pa: they crush or burst it"
+            )
+        size = max(math.hypot(wanted[0], wanted[1]), 1e-6 / self.section.radius_m)
+        reached = bool(math.hypot(given[1] - wanted[0], given[2] - wanted[1]) <= _REACHED * size)
+        long = stretch is None or bool(abs(given[0] - stretch) <= _REACHED * max(abs(stretch - 1.0), 1e-6))
+        return InverseSolution(pressure, given[1:], reached, float(given[0]), long)
 
     def pressures_exactly(
         self, curvature_1_m: ArrayLike, *, limit_Pa: float, co_contraction_Pa: float = 0.0
@@ -278,6 +295,22 @@ def _wall(
 
 
 @njit(cache=True)
+def _solve_symmetric(matrix: FloatArray, first: float, second: float, third: float, solution: FloatArray) -> bool:
+    """x of a symmetric 3 × 3 system by its adjugate; False where it has none."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * aa + b * bb + c * cc
+    if not abs(determinant) > 0.0:
+        return False
+    solution[0] = (aa * first + bb * second + cc * third) / determinant
+    solution[1] = (bb * first + dd * second + ee * third) / determinant
+    solution[2] = (cc * first + ee * second + ff * third) / determinant
+    return True
+
+
+@njit(cache=True)
 def _solve(
     points: FloatArray,
     code: int,
@@ -287,8 +320,7 @@ def _solve(
     stiffness: FloatArray,
 ) -> bool:
     """Newton with step halving on F(e) = load, from `strain`, in place; leaves K at the solution."""
-    force = np.empty(3)
-    trial = np.empty(3)
+    force, trial, step = np.empty(3), np.empty(3), np.empty(3)
     radius = 0.0
     for n in range(points.shape[0]):
         radius = max(radius, abs(points[n, 0]), abs(points[n, 1]))
@@ -296,7 +328,8 @@ def _solve(
         strain[0], strain[1], strain[2] = 1.0, 0.0, 0.0
         _wall(points, code, wall, strain, force, stiffness)
     for _ in range(_NEWTON_STEPS):
-        step = np.linalg.solve(stiffness, load - force)
+        if not _solve_symmetric(stiffness, load[0] - force[0], load[1] - force[1], load[2] - force[2], step):
+            return False
         size = abs(step[0]) + radius * (abs(step[1]) + abs(step[2]))
         fraction = min(1.0, 0.5 / size) if size > 0.0 else 1.0  # at most a strain of 50 % at once
         while True:
@@ -310,6 +343,34 @@ def _solve(
         if size < 1e-13:
             return True
     return size < 1e-9
+
+
+@njit(cache=True)
+def _equilibrium(
+    points: FloatArray,
+    code: int,
+    wall: FloatArray,
+    load: FloatArray,
+    dead_band_Pa: float,
+    pressure_Pa: FloatArray,
+    strain: FloatArray,
+    stiffness: FloatArray,
+    jacobian: FloatArray,
+) -> bool:
+    """Strains (3,) at rest under the pressures (4,), from `strain`; their stiffness and ∂strain/∂pressure (3, 4)."""
+    force, column = np.zeros(3), np.empty(3)
+    for i in range(load.shape[1]):
+        effective = max(pressure_Pa[i] - dead_band_Pa, 0.0) + min(pressure_Pa[i], 0.0)
+        for k in range(3):
+            force[k] += load[k, i] * effective
+    if not _solve(points, code, wall, force, strain, stiffness):
+        return False
+    for i in range(load.shape[1]):
+        # at the edge of the dead band the slope is that of rising pressure
+        active = 1.0 if pressure_Pa[i] >= dead_band_Pa or pressure_Pa[i] < 0.0 else 0.0
+        _solve_symmetric(stiffness, active * load[0, i], active * load[1, i], active * load[2, i], column)
+        jacobian[:, i] = column
+    return True
 
 
 @njit(cache=True)
@@ -329,20 +390,19 @@ def _solve_each(
 
 
 @njit(cache=True)
-def _least_pressures(
-    arms: FloatArray, wanted: FloatArray, usable: NDArray[np.bool_], room_Pa: float, pressure: FloatArray
-) -> None:
+def _least_pressures(arms: FloatArray, wanted: FloatArray, room_Pa: FloatArray, pressure: FloatArray) -> None:
     """Non-negative pressures with Σ arms_i p_i nearest to `wanted` (shape (2,)), of least sum among the exact ones.
 
     The nearest point of a plane cone lies inside the cone of two chambers, on the ray of one, or at the tip; all are
-    tried. Pressures beyond `room_Pa` are scaled back together, which keeps the direction.
+    tried. Pressures beyond `room_Pa`, shape (4,), are scaled back together, which keeps the direction; chambers
+    without room are not used.
     """
     best_miss = wanted[0] ** 2 + wanted[1] ** 2
     best_sum = 0.0
     scale = best_miss
     pressure[:] = 0.0
     for i in range(arms.shape[1]):
-        if not usable[i]:
+        if room_Pa[i] <= 0.0:
             continue
         square = arms[0, i] ** 2 + arms[1, i] ** 2
         alone = (arms[0, i] * wanted[0] + arms[1, i] * wanted[1]) / square
@@ -353,7 +413,7 @@ def _least_pressures(
                 pressure[:] = 0.0
                 pressure[i] = alone
         for j in range(i + 1, arms.shape[1]):
-            if not usable[j]:
+            if room_Pa[j] <= 0.0:
                 continue
             determinant = arms[0, i] * arms[1, j] - arms[1, i] * arms[0, j]
             if abs(determinant) < 1e-9 * square:
@@ -366,12 +426,12 @@ def _least_pressures(
                     best_miss, best_sum = 0.0, first + second
                     pressure[:] = 0.0
                     pressure[i], pressure[j] = first, second
-    largest = 0.0
+    share = 1.0
     for i in range(arms.shape[1]):
-        largest = max(largest, pressure[i])
-    if largest > room_Pa:
-        for i in range(arms.shape[1]):
-            pressure[i] *= room_Pa / largest
+        if pressure[i] > room_Pa[i]:
+            share = min(share, room_Pa[i] / pressure[i])
+    for i in range(arms.shape[1]):
+        pressure[i] *= share
 
 
 @njit(cache=True)
@@ -380,42 +440,273 @@ def _invert(
     code: int,
     wall: FloatArray,
     load: FloatArray,
-    usable: NDArray[np.bool_],
-    co_contraction_Pa: float,
-    limit_Pa: float,
-    dead_band_Pa: float,
+    least_Pa: FloatArray,
+    room_Pa: FloatArray,
     strain: FloatArray,
-    pressure: FloatArray,
+    extra: FloatArray,
 ) -> None:
-    """Fixed point on the stretch: moments at the wanted curvature → pressures → stretch, until it rests."""
+    """Fixed point on the stretch: moments at the wanted curvature → pressures → stretch, until it rests.
+
+    Pressures are those that load the wall: `least_Pa` (4,) and what comes on top, `extra` (4,) ≤ `room_Pa` (4,),
+    written. `strain` holds the wanted curvature, and at the end the stretch too.
+    """
     force, stiffness = np.empty(3), np.empty((3, 3))
-    bias = np.zeros(load.shape[1])
-    for i in range(load.shape[1]):
-        if usable[i]:
-            bias[i] = max(co_contraction_Pa - dead_band_Pa, 0.0)
-    wanted = strain[1:].copy()
     arms = load[1:, :].copy()
-    extra = np.zeros(load.shape[1])
-    room_Pa = max(limit_Pa - max(dead_band_Pa, co_contraction_Pa), 0.0)
+    extra[:] = 0.0
     for _ in range(100):
         crushed = not _wall(points, code, wall, strain, force, stiffness)
         if crushed:  # a curvature that this stretch cannot hold: ask for less of it
             strain[1:] *= 0.7
-            wanted[:] = strain[1:]
             continue
-        moment = force[1:] - arms @ bias
-        _least_pressures(arms, moment, usable, room_Pa, extra)
+        moment = force[1:] - arms @ least_Pa
+        _least_pressures(arms, moment, room_Pa, extra)
         axial = 0.0
         for i in range(load.shape[1]):
-            axial += load[0, i] * (bias[i] + extra[i])
+            axial += load[0, i] * (least_Pa[i] + extra[i])
         correction = (axial - force[0]) / stiffness[0, 0]
         correction = min(max(correction, -0.2), 0.2)
         strain[0] += correction
         if abs(correction) < 1e-12:
             break
+
+
+@njit(cache=True)
+def _longest_pressures(
+    load: FloatArray, moment_N_m: FloatArray, axial_N: float, room_Pa: FloatArray, extra: FloatArray
+) -> int:
+    """Pressures within the room that carry the moments (2,) exactly, with an axial force as near `axial_N` as may be.
+
+    The pressures that carry the moments are a convex set whose corners have all but two chambers at a limit: the ones
+    of least and of largest axial force are found among those, and the force wanted lies on the line between them.
+    Returns 0 where it is met, −1 or +1 where the least or the largest is too much or too little for it, 2 where the
+    moments cannot be carried.
+    """
+    low_N, high_N = np.inf, -np.inf
+    low, high, trial = np.empty(load.shape[1]), np.empty(load.shape[1]), np.empty(load.shape[1])
+    scale = 0.0
     for i in range(load.shape[1]):
-        pressure[i] = 0.0
-        if usable[i]:
-            pressure[i] = co_contraction_Pa
-            if extra[i] > 0.0:
-                pressure[i] = min(bias[i] + extra[i] + dead_band_Pa, limit_Pa)
+        scale = max(scale, room_Pa[i])
+    slack = 1e-9 * scale
+    for i in range(load.shape[1]):
+        for j in range(i + 1, load.shape[1]):
+            determinant = load[1, i] * load[2, j] - load[1, j] * load[2, i]
+            if abs(determinant) < 1e-9 * (load[1, i] ** 2 + load[2, i] ** 2):
+                continue
+            for full in range(4):
+                trial[:] = 0.0
+                first, second = moment_N_m[0], moment_N_m[1]
+                bit = 1
+                for k in range(load.shape[1]):
+                    if k not in (i, j):
+                        if full & bit:
+                            trial[k] = room_Pa[k]
+                            first -= load[1, k] * room_Pa[k]
+                            second -= load[2, k] * room_Pa[k]
+                        bit *= 2
+                trial[i] = (first * load[2, j] - second * load[1, j]) / determinant
+                trial[j] = (load[1, i] * second - load[2, i] * first) / determinant
+                if min(trial[i], trial[j]) < -slack or trial[i] > room_Pa[i] + slack or trial[j] > room_Pa[j] + slack:
+                    continue
+                force_N = 0.0
+                for k in range(load.shape[1]):
+                    force_N += load[0, k] * trial[k]
+                if force_N < low_N:
+                    low_N = force_N
+                    low[:] = trial
+                if force_N > high_N:
+                    high_N = force_N
+                    high[:] = trial
+    if high_N < low_N:
+        return 2
+    span = high_N - low_N
+    share = (axial_N - low_N) / span if span > 0.0 else (0.0 if axial_N <= low_N else 1.0)
+    for k in range(load.shape[1]):
+        between = low[k] + min(max(share, 0.0), 1.0) * (high[k] - low[k])
+        extra[k] = min(max(between, 0.0), room_Pa[k])
+    slip = 1e-9 * max(abs(low_N), abs(high_N))
+    if axial_N < low_N - slip:
+        return -1
+    return 1 if axial_N > high_N + slip else 0
+
+
+@njit(cache=True)
+def _shortest_of_curvature(
+    points: FloatArray,
+    code: int,
+    wall: FloatArray,
+    load: FloatArray,
+    least_Pa: FloatArray,
+    room_Pa: FloatArray,
+    longest: float,
+    tries: int,
+    strain: FloatArray,
+    extra: FloatArray,
+) -> bool:
+    """The shortest stretch from `strain[0]` to `longest`, by `tries` halvings, that can hold the curvature in `strain`.
+
+    Writes it to `strain[0]` and its pressures to `extra`; False, and `extra` is spoilt, where there is none.
+    """
+    force, stiffness = np.empty(3), np.empty((3, 3))
+    trial, found = strain.copy(), np.empty(load.shape[1])
+    short, long, holds = strain[0], longest, False
+    for _ in range(tries):
+        trial[0] = 0.5 * (short + long)
+        side = -1
+        if _wall(points, code, wall, trial, force, stiffness):
+            bias = load @ least_Pa
+            side = _longest_pressures(load, force[1:] - bias[1:], force[0] - bias[0], room_Pa, found)
+        if side == 0:
+            holds = True
+            strain[0] = trial[0]
+            extra[:] = found
+        if side == 0 or side == 1:
+            long = trial[0]
+        else:
+            short = trial[0]
+    return holds
+
+
+@njit(cache=True)
+def _invert_longer(
+    points: FloatArray,
+    code: int,
+    wall: FloatArray,
+    load: FloatArray,
+    least_Pa: FloatArray,
+    room_Pa: FloatArray,
+    wanted_1_m: FloatArray,
+    strain: FloatArray,
+    extra: FloatArray,
+) -> bool:
+    """From pressures that miss a curvature, `strain` (3,) and `extra` (4,), to those of a longer tube that has it.
+
+    A wall that softens as it is stretched is bent further by filling the other chambers too. Where not even that
+    gives the wanted curvature, as far towards it as can be. Both are moved on in place; False where nothing is gained.
+    """
+    across = abs(strain[1] * wanted_1_m[1] - strain[2] * wanted_1_m[0])
+    along = strain[1] * wanted_1_m[0] + strain[2] * wanted_1_m[1]
+    if across > 0.3 * along:  # the direction cannot be had, however long the tube is
+        return False
+    full, force, stiffness = np.array([1.0, 0.0, 0.0]), np.zeros(3), np.empty((3, 3))
+    for i in range(load.shape[1]):
+        force[0] += load[0, i] * (least_Pa[i] + room_Pa[i])
+    if not _solve(points, code, wall, force, full, stiffness):
+        return False
+    near, trial, found = strain.copy(), strain.copy(), np.empty(load.shape[1])
+    low, high, gained = 0.0, 2.0, False
+    for _ in range(9):  # 1, then halves: as near as 1/256
+        share = 0.5 * (low + high)
+        trial[0] = near[0]
+        trial[1:] = near[1:] + share * (wanted_1_m - near[1:])
+        tries = 40 if share == 1.0 else 16
+        if _shortest_of_curvature(points, code, wall, load, least_Pa, room_Pa, full[0], tries, trial, found):
+            gained = True
+            strain[:] = trial
+            extra[:] = found
+            if share == 1.0:
+                break
+            low = share
+        else:
+            high = share
+    return gained
+
+
+@njit(cache=True)
+def _invert_stretched(
+    points: FloatArray,
+    code: int,
+    wall: FloatArray,
+    load: FloatArray,
+    least_Pa: FloatArray,
+    room_Pa: FloatArray,
+    stretch: float,
+    strain: FloatArray,
+    extra: FloatArray,
+) -> None:
+    """From `_invert`'s solution of least pressure to a longer tube of the same curvature: `stretch`, or the longest.
+
+    `strain` (3,) and `extra` (4,) are moved on in place; left as they are where the chambers cannot carry the bend.
+    """
+    force, stiffness = np.empty(3), np.empty((3, 3))
+    trial, found = strain.copy(), np.empty(load.shape[1])
+    shortest, longest = strain[0], stretch
+    trial[0] = stretch
+    for _ in range(40):
+        side = 1
+        if _wall(points, code, wall, trial, force, stiffness):
+            bias = load @ least_Pa
+            side = _longest_pressures(load, force[1:] - bias[1:], force[0] - bias[0], room_Pa, found)
+        if side == 0:
+            strain[:] = trial
+            extra[:] = found
+            if trial[0] == stretch:
+                return
+        if side > 0:
+            longest = trial[0]
+        else:
+            shortest = trial[0]
+        if longest - shortest < 1e-12:
+            return
+        trial[0] = 0.5 * (shortest + longest)
+
+
+@njit(cache=True)
+def _loaded(
+    load: FloatArray,
+    dead_band_Pa: float,
+    least_Pa: FloatArray,
+    most_Pa: FloatArray,
+    least_load_Pa: FloatArray,
+    extra: FloatArray,
+    pressure_Pa: FloatArray,
+) -> None:
+    """Chamber pressures (4,) of what loads the wall: a chamber at its least is left there."""
+    for i in range(load.shape[1]):
+        pressure_Pa[i] = least_Pa[i]
+        if extra[i] > 0.0:
+            pressure_Pa[i] = max(least_Pa[i], min(least_load_Pa[i] + extra[i] + dead_band_Pa, most_Pa[i]))
+
+
+@njit(cache=True)
+def _inverse(
+    points: FloatArray,
+    code: int,
+    wall: FloatArray,
+    load: FloatArray,
+    dead_band_Pa: float,
+    least_Pa: FloatArray,
+    most_Pa: FloatArray,
+    wanted_1_m: FloatArray,
+    stretch: float,
+    pressure_Pa: FloatArray,
+    given: FloatArray,
+) -> bool:
+    """Pressures (4,) for a curvature (2,) and a stretch (NaN: whatever goes with least pressure), and what they give.
+
+    What loads the wall are pressures less the dead band. False where the pressures have no equilibrium.
+    """
+    chambers = load.shape[1]
+    least_load, room, extra = np.empty(chambers), np.empty(chambers), np.empty(chambers)
+    for i in range(chambers):
+        least_load[i] = max(least_Pa[i] - dead_band_Pa, 0.0)
+        room[i] = max(most_Pa[i] - dead_band_Pa, 0.0) - least_load[i]
+    stiffness, jacobian = np.empty((3, 3)), np.empty((3, chambers))
+    strain = np.array([1.0, wanted_1_m[0], wanted_1_m[1]])
+    _invert(points, code, wall, load, least_load, room, strain, extra)
+    _loaded(load, dead_band_Pa, least_Pa, most_Pa, least_load, extra, pressure_Pa)
+    given[0], given[1], given[2] = 1.0, 0.0, 0.0
+    if not _equilibrium(points, code, wall, load, dead_band_Pa, pressure_Pa, given, stiffness, jacobian):
+        return False
+    missed = math.hypot(given[1] - wanted_1_m[0], given[2] - wanted_1_m[1])
+    moved = False
+    if missed > 1e-4 * math.hypot(wanted_1_m[0], wanted_1_m[1]) + _STRAIGHT_1_M:
+        strain[:] = given
+        moved = _invert_longer(points, code, wall, load, least_load, room, wanted_1_m, strain, extra)
+    if stretch > strain[0]:
+        _invert_stretched(points, code, wall, load, least_load, room, stretch, strain, extra)
+        moved = True
+    if not moved:
+        return True
+    _loaded(load, dead_band_Pa, least_Pa, most_Pa, least_load, extra, pressure_Pa)
+    given[0], given[1], given[2] = 1.0, 0.0, 0.0
+    return _equilibrium(points, code, wall, load, dead_band_Pa, pressure_Pa, given, stiffness, jacobian)

@@ -15,6 +15,7 @@ from softbot.cli.demo import demo
 from softbot.cli.exit_status import with_exit_status
 from softbot.cli.figure import figure
 from softbot.cli.hub import hub
+from softbot.cli.inverse import inverse
 from softbot.cli.materials import materials
 from softbot.cli.plant import plant
 from softbot.cli.predict import predict
@@ -39,6 +40,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "calibrate": calibrate,
     "materials": materials,
     "predict": predict,
+    "inverse": inverse,
     "pressure-loop": pressure_loop,
     "plant": plant,
     "sequence": sequence,

@@ -70,6 +70,8 @@ class Memory:
     ) -> None:
         self.parts = parts
         self.numbers: FloatArray = _packed(parts, volume_m3, atmosphere_Pa)
+        self._behind_lines = self.numbers.copy()
+        self._behind_lines[_LINE] = 0.0
 
     def rest(self, pressure_Pa: ArrayLike = (0.0, 0.0, 0.0, 0.0)) -> FloatArray:
         """State of chambers that were new, loaded once to these pressures, shape (4,) [Pa], and held there for long."""
@@ -105,6 +107,15 @@ class Memory:
         state = self.rest(pressure[0]) if start is None else start.copy()
         felt = np.empty_like(pressure)
         _run(self.numbers, state, pressure, step_s, felt)
+        return felt
+
+    def felt_at(self, state: FloatArray, chamber_Pa: ArrayLike, dt_s: float) -> FloatArray:
+        """Pressures felt, shape (4,) [Pa], if the chambers themselves, behind their lines, came to these in a step.
+
+        `state` is left as it is. `inverse` undoes this.
+        """
+        felt = np.empty(CHAMBERS)
+        advance(self._behind_lines, state.copy(), _four(chamber_Pa), _duration(dt_s), felt)
         return felt
 
     def inverse(self, state: FloatArray, felt_Pa: ArrayLike, dt_s: float) -> FloatArray:

@@ -422,10 +422,23 @@ def test_bend_beyond_the_limit_becomes_the_largest_in_that_direction(tube: Actua
     towards = np.array([math.cos(direction), math.sin(direction)])
     found = tube.pressures(80.0 * towards, limit_Pa=LIMIT_Pa)
     assert not found.reached
-    assert found.pressure_Pa.max() == pytest.approx(LIMIT_Pa, rel=1e-9)
+    assert found.pressure_Pa.max() == pytest.approx(LIMIT_Pa, rel=1e-4)
     assert float(found.curvature_1_m @ towards) > 0.97 * np.hypot(*found.curvature_1_m)
     with pytest.raises(UnreachableError, match="at most"):
         tube.pressures_exactly(80.0 * towards, limit_Pa=LIMIT_Pa)
+
+
+def test_wall_that_softens_is_bent_further_by_filling_the_other_chambers_too() -> None:
+    """A longer neo-Hookean tube is softer: with the two chambers beside it, one bends the tube further than alone."""
+    tube = law()
+    alone = float(np.hypot(*tube.equilibrium([0.0, 0.0, LIMIT_Pa, 0.0]).curvature_1_m))
+    found = tube.pressures([1.3 * alone, 0.0], limit_Pa=LIMIT_Pa)
+    assert found.reached
+    assert found.pressure_Pa[1] == pytest.approx(found.pressure_Pa[3], rel=1e-6)
+    assert found.pressure_Pa[1] > 1e3
+    linear = law("linear")
+    most = float(np.hypot(*linear.equilibrium([0.0, 0.0, LIMIT_Pa, 0.0]).curvature_1_m))
+    assert not linear.pressures([1.05 * most, 0.0], limit_Pa=LIMIT_Pa).reached
 
 
 def test_co_contraction_lengthens_and_holds_the_bend() -> None:
@@ -440,6 +453,58 @@ def test_bend_that_would_crush_the_inner_wall_is_met_by_a_milder_one() -> None:
     assert not found.reached
     assert np.isfinite(found.pressure_Pa).all()
     assert found.pressure_Pa.max() <= LIMIT_Pa
+
+
+@settings(max_examples=300)
+@given(
+    tube=laws,
+    known=st.lists(st.floats(0.0, LIMIT_Pa), min_size=4, max_size=4),
+    available=least_available,
+)
+def test_bend_and_stretch_that_some_pressures_give_are_both_reached(
+    tube: ActuatorLaw, known: list[float], available: list[bool]
+) -> None:
+    known_Pa = np.where(available, known, 0.0)
+    wanted = tube.equilibrium(known_Pa)
+    found = tube.pressures(wanted.curvature_1_m, limit_Pa=LIMIT_Pa, available=available, stretch=wanted.stretch)
+    assert np.all(found.pressure_Pa[~np.array(available)] == 0.0)
+    assert np.all((found.pressure_Pa >= 0.0) & (found.pressure_Pa <= LIMIT_Pa))
+    size = max(float(np.hypot(*wanted.curvature_1_m)), 1e-2)
+    assert_near(found.curvature_1_m, wanted.curvature_1_m, 1e-3 * size)
+    assert found.stretch == pytest.approx(wanted.stretch, abs=1e-3 * (wanted.stretch - 1.0) + 1e-6)
+
+
+@given(tube=laws, direction=directions, size=st.floats(0.5, 3.0), stretch=st.floats(0.5, 3.0))
+def test_stretch_that_cannot_be_had_with_the_bend_gives_way_to_it(
+    tube: ActuatorLaw, direction: float, size: float, stretch: float
+) -> None:
+    wanted = size * np.array([math.cos(direction), math.sin(direction)])
+    free = tube.pressures(wanted, limit_Pa=LIMIT_Pa)
+    found = tube.pressures(wanted, limit_Pa=LIMIT_Pa, stretch=stretch)
+    assert found.reached
+    assert found.stretch >= free.stretch - 1e-9  # the least pressures make the shortest tube of that bend
+    if stretch - found.stretch > 0.011 * (stretch - 1.0):
+        assert not found.stretch_reached
+        assert found.pressure_Pa.max() == pytest.approx(LIMIT_Pa, rel=1e-6)  # there is no more
+    elif stretch > free.stretch:
+        assert found.stretch == pytest.approx(stretch, abs=0.011 * (stretch - 1.0))
+        assert found.stretch_reached
+
+
+@given(tube=laws, least=st.lists(st.floats(0.0, 2e4), min_size=4, max_size=4), direction=directions)
+def test_chambers_may_each_have_limits_of_their_own(tube: ActuatorLaw, least: list[float], direction: float) -> None:
+    wanted = 2.0 * np.array([math.cos(direction), math.sin(direction)])
+    most = np.array(least) + 3e4
+    found = tube.pressures_within(wanted, least_Pa=least, most_Pa=most)
+    assert np.all((found.pressure_Pa >= least) & (found.pressure_Pa <= most))
+    assert found.reached == (np.hypot(*(found.curvature_1_m - wanted)) <= 0.02)
+    held = tube.pressures_within(wanted, least_Pa=least, most_Pa=least)
+    np.testing.assert_array_equal(held.pressure_Pa, least)
+    for wrong in ({"least_Pa": [-1.0] * 4, "most_Pa": most}, {"least_Pa": most, "most_Pa": least}):
+        with pytest.raises(InputError, match="0 ≤ least_Pa ≤ most_Pa"):
+            tube.pressures_within(wanted, **wrong)
+    with pytest.raises(InputError, match="stretch = nan"):
+        tube.pressures(wanted, limit_Pa=LIMIT_Pa, stretch=math.nan)
 
 
 # --- the kernels as plain Python ------------------------------------------------------------
@@ -457,6 +522,8 @@ def test_interpreted_and_compiled_kernels_agree(interpreted: Callable[..., None]
             tube.pressures([7.0, -4.0], limit_Pa=LIMIT_Pa, available=(True, False, False, True)).pressure_Pa,
             tube.pressures([-90.0, 4.0], limit_Pa=LIMIT_Pa).pressure_Pa,
             tube.pressures([200.0, 0.0], limit_Pa=LIMIT_Pa).pressure_Pa,
+            tube.pressures([4.0, 3.0], limit_Pa=LIMIT_Pa, stretch=1.1).pressure_Pa,
+            tube.pressures([4.0, 3.0], limit_Pa=LIMIT_Pa, stretch=2.0).pressure_Pa,
         ]
 
     compiled = everything()
