@@ -10,8 +10,8 @@ points    Friction is summed over Gauss points. For the friction balance of a sl
           (`softbot.rolling`) both the sum and the integral are known, so their difference is computed; where the loads
           of a soft robot gather towards its ends the sum is worse by a measured amount (`GATHERED_LOAD`). The inertia
           and the spin of the arc are summed over the same points, and the error of that is computed too.
-step      Of second order in what the step resolves, the angle that the drive turns in it; of first order in what it
-          does not: damping of motions that are over within a step, valves that are commanded step by step
+step      A steady roll has none: what stays where it is in space is carried exactly. What changes is of second order
+          in the angle that the drive turns in a step; valves that are commanded step by step are of first order
           (`STEP_LAW`).
 
 The measured constants, and whether each level keeps its word, are printed by `python benchmarks/resolution.py`; what
@@ -44,13 +44,13 @@ MODES_SHARE, POINTS_SHARE, STEP_SHARE = 0.45, 0.15, 0.3
 AFLOAT_SHARE = 0.2
 """Of these: without contact fineness is cheap, and the turning of a floating robot is known in closed form."""
 
-LEAST_STEPS_PER_TURN = 20
+LEAST_STEPS_PER_TURN = 10
 """Of a drive's period: with fewer the drive aliases with the step and the result means nothing."""
 MODES = (1, 3, 5, 7, 9, 11)
 """Numbers to choose from: each has one more even mode than the last, in which a tube that mirrors itself bends, and one
 more odd one, in which it twists."""
 LEAST_POINTS, MOST_POINTS = 6, 64
-LONGEST_STEP_S = 0.05
+LONGEST_STEP_S = 0.2
 LEAST_MODES_AMONG_BODIES, LONGEST_STEP_AMONG_BODIES_S = 5, 0.005
 """What other bodies do is not foreseen: a push is felt at one place, and lasts as short as the blow."""
 SHORTEST_VALVE_STEP_S = 1e-3
@@ -97,8 +97,10 @@ class StepLaw(NamedTuple):
     """Per (rate of the drive × h)², by what the tube rubs on; over the floating ratio where it rubs on nothing."""
     drag: float
     """More of that per rate × time in which viscous drag takes hold."""
+    own: float
+    """Per (rate at which the robot rolls by itself × h)²."""
     damping: float
-    """Per (rate)² × damping time × h, as far as the damped motions are not resolved."""
+    """Under pressure per (rate)² × damping time × h, as far as the damped motions are not resolved."""
     ramp: float
     """Per (h / time in which the bend grows)²."""
     valves: float
@@ -108,12 +110,13 @@ class StepLaw(NamedTuple):
 
 
 STEP_LAW = StepLaw(
-    turn={"nothing": 0.15, "coulomb": 0.21, "viscous": 0.2},
-    drag=0.9,
+    turn={"nothing": 0.03, "coulomb": 0.01, "viscous": 0.01},
+    drag=0.05,
+    own=0.2,
     damping=0.5,
-    ramp=0.05,
+    ramp=0.01,
     valves=0.045,
-    lead=0.04,
+    lead=0.2,
 )
 _UNRESOLVED = 100.0
 
@@ -141,7 +144,9 @@ class Demand:
     swing: float
     """λΩ²L⁴/EI at the speed Ω at which the C turns in space: how far its own swing bends it."""
     turn_rate_rad_s: float
-    """At which the curvature direction turns, or the robot rolls by itself."""
+    """At which the curvature direction turns."""
+    own_rate_rad_s: float
+    """At which the robot rolls by itself, off a pipe or a step."""
     hold_s: float
     """In which viscous drag brings the robot to the speed of what it lies on."""
     natural_rad_s: float
@@ -189,7 +194,8 @@ class Demand:
             amplified=_ON_A_CREST if world.ground in ("pipe", "step") else 1.0 + _CREEP * pull * along,
             floating_ratio=ratio,
             swing=loose * line_kg_m * turning_rad_s**2 * length**4 / bending_N_m2,
-            turn_rate_rad_s=math.hypot(rate, _own_rate_rad_s(scene)),
+            turn_rate_rad_s=rate,
+            own_rate_rad_s=_own_rate_rad_s(scene),
             hold_s=line_kg_m / world.friction if viscous and world.friction > 0.0 else 0.0,
             # of ∫κ² against the arc's inertia λL⁵/720, its ends free
             natural_rad_s=math.sqrt(720.0 * bending_N_m2 / line_kg_m) / length**2,
@@ -322,13 +328,14 @@ def step_error(demand: Demand, step_s: float) -> float:
     error = (law.turn[demand.rubs_on] + law.drag * demand.turn_rate_rad_s * demand.hold_s) * turn * turn
     if demand.rubs_on == "nothing":
         error /= max(demand.floating_ratio, _LEAST_RATIO)
-    unresolved = (step_s * demand.natural_rad_s) ** 2
-    unresolved += (step_s * demand.damping_s * demand.natural_rad_s**2) ** 2
-    unresolved /= unresolved + _UNRESOLVED
-    error += law.damping * demand.turn_rate_rad_s * demand.damping_s * turn * unresolved
+    error += law.own * (demand.own_rate_rad_s * step_s) ** 2
     if demand.ramp_s > 0.0:
         error += law.ramp * (step_s / demand.ramp_s) ** 2
     if demand.valves_s > 0.0:
+        unresolved = (step_s * demand.natural_rad_s) ** 2
+        unresolved += (step_s * demand.damping_s * demand.natural_rad_s**2) ** 2
+        unresolved /= unresolved + _UNRESOLVED
+        error += law.damping * demand.turn_rate_rad_s * demand.damping_s * turn * unresolved
         error += law.valves * step_s / demand.valves_s
     if demand.lag_s > 0.0:
         error += law.lead * (step_s / demand.lag_s) ** 2
@@ -544,7 +551,7 @@ def _fits(scene: Scene, step_s: float) -> bool:
 
 
 STEPS_S = (
-    *(periods * CONTROL_PERIOD_S for periods in (5, 4, 3, 2)),
+    *(periods * CONTROL_PERIOD_S for periods in (20, 16, 12, 10, 8, 6, 5, 4, 3, 2)),
     *(CONTROL_PERIOD_S / parts for parts in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40, 50, 64, 80, 100)),
 )
 """Whole numbers of control periods, and whole parts of one."""

@@ -48,7 +48,8 @@ _LARGEST_SPEED = 1e8  # m/s, rad/s, rad/(m s): beyond, the state means nothing
 _RESOLVED = 10.0  # of a coordinate's natural angle a step: θ is half-way between ½ and 1 there
 _PASSES = 4  # of one step, at most
 _AGAIN = 1e-4  # b is taken again when its change is more than this share of the velocity
-_LARGEST_TURN = 0.32  # rad in a step, of the base: 20 steps a turn
+_LARGEST_TURN = 0.32  # rad in a step, of the tangent in the middle: 20 steps a turn
+_LARGEST_ROLL = 0.8  # rad in a step, about that tangent
 _LARGEST_BEND = 1.0  # rad in a step, from end to end
 _LARGEST_SWING = 0.5  # turn of the velocity in a step, by inertia alone
 _LARGEST_STRETCH = 0.3  # in a step
@@ -133,6 +134,77 @@ def _carry(start: FloatArray, end: FloatArray, velocity: FloatArray) -> None:
 
 
 @inner
+def _rolling(rotation: FloatArray, velocity: FloatArray) -> float:
+    """Rate at which the mid cross-section turns about its tangent [rad/s]."""
+    return rotation[0, 2] * velocity[3] + rotation[1, 2] * velocity[4] + rotation[2, 2] * velocity[5]
+
+
+@inner
+def _bend_on(
+    span_s: float, rolling: float, modes: int, start: FloatArray, rate: FloatArray, middle: FloatArray, end: FloatArray
+) -> None:
+    """end ← bends after `span_s` of rolling; rate: of all coordinates, in the axes half-way, where bends are `middle`.
+
+    A bend that stays where it is in space turns backwards in axes that roll, exactly.
+    """
+    cosine, sine = np.cos(0.5 * span_s * rolling), np.sin(0.5 * span_s * rolling)
+    for a in range(0, 3 * modes, 3):
+        x = cosine * start[a] + sine * start[a + 1] + span_s * (rate[6 + a] - rolling * middle[a + 1])
+        y = cosine * start[a + 1] - sine * start[a] + span_s * (rate[7 + a] + rolling * middle[a])
+        end[a], end[a + 1] = cosine * x + sine * y, cosine * y - sine * x
+        end[a + 2] = start[a + 2] + span_s * rate[8 + a]
+
+
+@inner
+def _carry_bends(
+    turn: float, rolling: float, modes: int, start: FloatArray, end: FloatArray, velocity: FloatArray
+) -> None:
+    """Rates of the bends from axes in which they are `start` to axes that have rolled on by `turn`: steady in space."""
+    cosine, sine = np.cos(turn), np.sin(turn)
+    for a in range(0, 3 * modes, 3):
+        x, y = velocity[6 + a] - rolling * start[a + 1], velocity[7 + a] + rolling * start[a]
+        velocity[6 + a] = cosine * x + sine * y + rolling * end[a + 1]
+        velocity[7 + a] = cosine * y - sine * x - rolling * end[a]
+
+
+@inner
+def _turn_gain(turn: float, base: int, modes: int, column: FloatArray, gain: FloatArray) -> None:
+    """What the bends' rates gained in the last step, in axes that have rolled on by `turn`."""
+    cosine, sine = np.cos(turn), np.sin(turn)
+    for d in range(base, column.shape[0] - 1):
+        a = int(column[d]) - 6
+        if a % 3 == 0 and a < 3 * modes:  # both bends of a mode move, or neither
+            x, y = gain[d], gain[d + 1]
+            gain[d], gain[d + 1] = cosine * x + sine * y, cosine * y - sine * x
+
+
+@inner
+def _strain_forces(
+    h: float, tau: float, rolling: float, modes: int, theta: FloatArray, start: FloatArray, middle: FloatArray,
+    rest: FloatArray, velocity: FloatArray, off: FloatArray,
+) -> None:  # fmt: skip
+    """off ← strains off their rest and damping, θ of the step on if velocities stay; in the axes half-way."""
+    for a in range(off.shape[0]):
+        t = theta[6 + a] * h
+        off[a] = start[a] - rest[a] + (t + tau) * velocity[6 + a]
+    cosine, sine = np.cos(0.5 * h * rolling), np.sin(0.5 * h * rolling)
+    for a in range(0, 3 * modes, 3):
+        x, y, t = start[a], start[a + 1], theta[6 + a] * h * rolling
+        off[a] += (cosine - 1.0) * x + sine * y - t * middle[a + 1]
+        off[a + 1] += (cosine - 1.0) * y - sine * x + t * middle[a]
+    turn = (theta[6] - 0.5) * h * rolling  # by which the axes are further on when the rest curvature is what it is
+    cosine, sine = np.cos(turn), np.sin(turn)
+    off[0] -= (cosine - 1.0) * rest[0] - sine * rest[1]
+    off[1] -= (cosine - 1.0) * rest[1] + sine * rest[0]
+
+
+@inner
+def _copy(source: FloatArray, target: FloatArray) -> None:
+    for k in range(source.shape[0]):
+        target[k] = source[k]
+
+
+@inner
 def _place_sections(strain: FloatArray, rotation: FloatArray, rule: Rule, section: FloatArray) -> None:
     """Q at the points, outwards from the middle, by a fourth-order Magnus step from point to point."""
     points, modes = rule.turn.shape
@@ -203,14 +275,18 @@ def _place(state: State, physics: Physics, rule: Rule, work: Work, layout: Layou
     axes = work.section.shape[0]  # not written as 3: the compiler would unroll every loop, for longer than it saves
     strain, section, r, rows = work.strain, work.section, work.place_m, work.rows
     velocity = state.velocity
-    for a in range(strain.shape[0]):
-        strain[a] = state.strain[a] + ahead_s * velocity[6 + a]
+    n, modes, half, base, columns = layout.points, layout.modes, layout.half, layout.base, layout.columns
+    if ahead_s == 0.0:
+        _copy(state.strain, strain)
+    else:
+        _bend_on(ahead_s, _rolling(state.rotation, velocity), modes, state.strain, velocity, state.strain, strain)
+        if physics.stretches:
+            strain[3 * modes] = state.strain[3 * modes] + ahead_s * velocity[6 + 3 * modes]
     for k in range(axes):
         for c in range(axes):
             work.rotation[k, c] = state.rotation[k, c]
     if ahead_s != 0.0:
         _advance_rotation(ahead_s, state.rotation[:, 2], velocity[3], velocity[4], velocity[5], work.rotation)
-    n, modes, half, base, columns = layout.points, layout.modes, layout.half, layout.base, layout.columns
     stretch = strain[3 * modes] if physics.stretches else 1.0
     _place_sections(strain, work.rotation, rule, section)
     scratch = work.triple[0]
@@ -433,30 +509,35 @@ def _base_momentum(base: int, momentum: FloatArray, column: FloatArray, arm: Flo
 @inner
 def _accelerations(
     h: float, rotation: FloatArray, velocity: FloatArray, rate: FloatArray, stretch: float, stretch_rate: float,
-    bend: float, rule: Rule, section: FloatArray, triple: FloatArray, bias: FloatArray,
+    bend: float, rule: Rule, strain: FloatArray, section: FloatArray, triple: FloatArray, bias: FloatArray,
 ) -> float:  # fmt: skip
     """bias ← −h b; returns its square. velocity: all coordinates; rate: G of them; bend: half the radius."""
     # the axes in which the base's ω is kept go with its tangent, but do not roll: ω' = −(t·ω) t × ω there
-    rolling = -(rotation[0, 2] * velocity[3] + rotation[1, 2] * velocity[4] + rotation[2, 2] * velocity[5])
-    base_x = rolling * (rotation[1, 2] * velocity[5] - rotation[2, 2] * velocity[4])
-    base_y = rolling * (rotation[2, 2] * velocity[3] - rotation[0, 2] * velocity[5])
-    base_z = rolling * (rotation[0, 2] * velocity[4] - rotation[1, 2] * velocity[3])
+    rolling = _rolling(rotation, velocity)
+    base_x = -rolling * (rotation[1, 2] * velocity[5] - rotation[2, 2] * velocity[4])
+    base_y = -rolling * (rotation[2, 2] * velocity[3] - rotation[0, 2] * velocity[5])
+    base_z = -rolling * (rotation[0, 2] * velocity[4] - rotation[1, 2] * velocity[3])
     modes, n = rule.mode.shape
     spin, source, turning, moving = triple[0], triple[1], triple[2], triple[3]
-    for i in range(n):  # α' = ω × Q ẇ
-        wx = wy = wz = 0.0
+    for i in range(n):  # α' = ω × Q ẇ + Q ẅ, where steady bends have ẅ in axes that roll
+        wx = wy = wz = qx = qy = 0.0
         for m in range(modes):
             p = rule.mode[m, i]
             wx += p * velocity[6 + 3 * m]
             wy += p * velocity[7 + 3 * m]
             wz += p * velocity[8 + 3 * m]
+            qx += p * strain[3 * m]
+            qy += p * strain[3 * m + 1]
+        qx, qy = rolling * (rolling * qx + 2.0 * wy), rolling * (rolling * qy - 2.0 * wx)
         x = section[0, 0, i] * wx + section[1, 0, i] * wy + section[2, 0, i] * wz
         y = section[0, 1, i] * wx + section[1, 1, i] * wy + section[2, 1, i] * wz
         z = section[0, 2, i] * wx + section[1, 2, i] * wy + section[2, 2, i] * wz
         scale = rule.inverse_root[i] / bend
         ox, oy, oz = scale * rate[3, i], scale * rate[4, i], scale * rate[5, i]
         spin[0, i], spin[1, i], spin[2, i] = ox, oy, oz
-        source[0, i], source[1, i], source[2, i] = oy * z - oz * y, oz * x - ox * z, ox * y - oy * x
+        source[0, i] = oy * z - oz * y + section[0, 0, i] * qx + section[1, 0, i] * qy
+        source[1, i] = oz * x - ox * z + section[0, 1, i] * qx + section[1, 1, i] * qy
+        source[2, i] = ox * y - oy * x + section[0, 2, i] * qx + section[1, 2, i] * qy
     _integrate_three(source, rule.integral, turning)
     for i in range(n):  # a' = 2ℓ̇ ω × t + ℓ(α × t + ω × (ω × t))
         out = rule.outward[i]
@@ -534,8 +615,8 @@ def _softened(bend_squared: float, a: float, radius_m: float) -> tuple[float, fl
 
 @inner
 def _elastic_forces(
-    h: float, tau: float, base: int, column: FloatArray, theta: FloatArray, stiffness: FloatArray, strain: FloatArray,
-    rest: FloatArray, velocity: FloatArray, matrix: FloatArray, vector: FloatArray,
+    h: float, tau: float, base: int, column: FloatArray, theta: FloatArray, stiffness: FloatArray, off: FloatArray,
+    matrix: FloatArray, vector: FloatArray,
 ) -> None:  # fmt: skip
     """Add strain and damping to the equations."""
     for a in range(base, column.shape[0]):
@@ -543,9 +624,8 @@ def _elastic_forces(
         line = stiffness[f - 6]
         weight = np.sqrt(h * theta[f] * (tau + h * theta[f]))
         total = 0.0
-        for s in range(strain.shape[0]):
-            if line[s] != 0.0:
-                total += line[s] * (strain[s] - rest[s] + (theta[6 + s] * h + tau) * velocity[6 + s])
+        for s in range(off.shape[0]):
+            total += line[s] * off[s]
         vector[a] -= h * total
         for b in range(base, a + 1):
             g = int(column[b])
@@ -622,10 +702,13 @@ def _outside_impulse(
 
 @inner
 def _trusted(
-    h: float, length_m: float, radius_m: float, modes: int, stretch: float, touching: bool, vector: FloatArray,
-    mean: FloatArray, column: FloatArray, theta: FloatArray, strain: FloatArray,
+    h: float, length_m: float, radius_m: float, modes: int, stretch: float, touching: bool, rolling: float,
+    vector: FloatArray, mean: FloatArray, column: FloatArray, theta: FloatArray, strain: FloatArray,
 ) -> int:  # fmt: skip
-    """0: the step may stand; 1: it turns, bends or stretches the rod too far; 2: it is not finite."""
+    """0: the step may stand; 1: it turns, bends or stretches the rod too far; 2: it is not finite.
+
+    rolling: of the middle about its tangent; bends that only go round with it are none. strain: half-way.
+    """
     gained = 0.0  # of the base's ω
     for d in range(vector.shape[0]):
         f = int(column[d])
@@ -633,11 +716,13 @@ def _trusted(
             return 2
         if 3 <= f < 6:
             gained += vector[d] * vector[d]
-    turn = h * np.sqrt(mean[3] ** 2 + mean[4] ** 2 + mean[5] ** 2)
+    turned = mean[3] ** 2 + mean[4] ** 2 + mean[5] ** 2 - rolling * rolling
+    if h * h * turned > _LARGEST_TURN * _LARGEST_TURN or h * abs(rolling) > _LARGEST_ROLL:
+        return 1
     bend = 0.0
-    for a in range(3 * modes):
-        bend += abs(mean[6 + a])
-    if turn > _LARGEST_TURN or h * length_m * bend > _LARGEST_BEND:
+    for a in range(0, 3 * modes, 3):
+        bend += abs(mean[6 + a] - rolling * strain[a + 1]) + abs(mean[7 + a] + rolling * strain[a]) + abs(mean[8 + a])
+    if h * length_m * bend > _LARGEST_BEND:
         return 1
     if mean.shape[0] > 6 + 3 * modes and abs(h * mean[6 + 3 * modes]) > _LARGEST_STRETCH * stretch:
         return 1
@@ -694,21 +779,28 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     stretching = velocity[6 + 3 * modes] if physics.stretches else 0.0
     _set_theta(h, physics.damping_time_s, state.modal_rate_1_s2, theta)
     _place(state, physics, rule, work, layout, 0.5 * h)
-    omega_x, omega_y, omega_z = velocity[3], velocity[4], velocity[5]
+    _copy(velocity, work.before)
+    rolling = _rolling(state.rotation, velocity)
     _carry(state.rotation, work.rotation, velocity)
+    _carry_bends(0.5 * h * rolling, rolling, modes, strain, work.strain, velocity)
+    _strain_forces(
+        h, physics.damping_time_s, rolling, modes, theta, strain, work.strain, state.rest_strain, velocity, work.off
+    )  # fmt: skip
     _gather(velocity, column, vector)
     _times(rows, size, vector, rate)
+    _turn_gain(h * rolling, base, modes, column, state.gain)
     for d in range(size):
         f = int(column[d])
         mean[f] = velocity[f] + 0.5 * h * state.gain[d]
         vector[d] = mean[f]
     _times(rows, size, vector, work.foretold)
     twisting = _accelerations(
-        h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple, bias
+        h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.strain, work.section,
+        work.triple, bias,
     )  # fmt: skip
     swinging = _swinging(base, physics.mirrored, rule.root_mass, work.foretold)
     if twisting > _LARGEST_SWING**2 * (swinging + physics.mass_kg * physics.sleep_speed_m_s**2):
-        velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
+        _copy(work.before, velocity)
         return 1
     # the velocities that strains carry stand for the time (1 − θ)h after the middle of the step (u̇ = −Gᵀb, steadily)
     _add_scaled(rate, theta[6] - 1.0, bias, ahead)
@@ -721,13 +813,14 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     _gram(_flat(rows), size, work.inertia, False)
     kept = base > 0 and not touching
     if kept and flag[ALOFT] == 0.0:  # the momentum that it takes off with
-        velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
+        _copy(work.before, velocity)
         _place(state, physics, rule, work, layout, 0.0)
         _gather(velocity, column, vector)
         _times(rows, size, vector, rate)
         _take_momentum(base, rows, rate, column, arm, state.momentum)
         _place(state, physics, rule, work, layout, 0.5 * h)
         _carry(state.rotation, work.rotation, velocity)
+        _carry_bends(0.5 * h * rolling, rolling, modes, strain, work.strain, velocity)
         _gather(velocity, column, vector)
         _times(rows, size, vector, rate)
     moving = _dot(rate, rate)
@@ -745,8 +838,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         if touching:
             _gram(_flat(contacts.rows), size, matrix, True)
         _elastic_forces(
-            h, physics.damping_time_s, base, column, theta, state.stiffness, strain, state.rest_strain, velocity,
-            matrix, vector,
+            h, physics.damping_time_s, base, column, theta, state.stiffness, work.off, matrix, vector
         )  # fmt: skip
         if physics.softening_m2 > 0.0:
             _softening(
@@ -754,7 +846,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
                 base, column, work.strain, rule, work.triple[0], vector,
             )  # fmt: skip
         if not _factor(matrix, size):
-            velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
+            _copy(work.before, velocity)
             return 2
         _forward(matrix, size, vector)
         _backward(matrix, size, vector)
@@ -779,8 +871,8 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
                 stretching = mean[6 + 3 * modes] if physics.stretches else 0.0
                 _add_scaled(rate, 0.5, change, work.foretold)
                 _accelerations(
-                    h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.section, work.triple,
-                    bias,
+                    h, work.rotation, mean, work.foretold, stretch, stretching, bend, rule, work.strain, work.section,
+                    work.triple, bias,
                 )  # fmt: skip
                 _push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
         if not repeat:
@@ -793,10 +885,11 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         )  # fmt: skip
         _base_that_keeps_momentum(base, now, column, arm, theta, velocity, matrix, mean, vector, scratch)
     verdict = _trusted(
-        h, physics.length_m, physics.radius_m, modes, stretch, touching, vector, mean, column, theta, strain
+        h, physics.length_m, physics.radius_m, modes, stretch, touching, _rolling(work.rotation, mean), vector, mean,
+        column, theta, work.strain,
     )  # fmt: skip
     if verdict > 0:
-        velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
+        _copy(work.before, velocity)
         return verdict
     flag[ADVICE] = 2.0 * h
     if physics.tolerance > 0.0 and flag[STEPS] > 0.0:
@@ -805,7 +898,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         )  # fmt: skip
         flag[ADVICE] = h * min(2.0, max(0.25, 0.9 * (physics.tolerance / max(error, 1e-30)) ** (1.0 / 3.0)))
         if error > 2.0 * physics.tolerance and h > 2.0**-_HALVINGS * physics.step_s:
-            velocity[3], velocity[4], velocity[5] = omega_x, omega_y, omega_z
+            _copy(work.before, velocity)
             return 1
     if touching:
         keep_contacts(h, theta[0], physics, contacts, less, change, ahead)
@@ -824,8 +917,11 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     for d in range(size):
         velocity[int(column[d])] += vector[d]
         state.gain[d] = vector[d] / h
-    for a in range(strain.shape[0]):
-        strain[a] += h * mean[6 + a]
+    rolled = h * _rolling(work.rotation, mean)
+    _bend_on(h, rolled / h, modes, strain, mean, work.strain, strain)
+    if physics.stretches:
+        strain[3 * modes] += h * mean[6 + 3 * modes]
+    _carry_bends(rolled - 0.5 * h * rolling, _rolling(work.rotation, velocity), modes, work.strain, strain, velocity)
     if physics.stretches and strain[3 * modes] < _LEAST_STRETCH:  # squeezed flat: no law of the wall goes further
         strain[3 * modes] = _LEAST_STRETCH
         velocity[6 + 3 * modes] = max(velocity[6 + 3 * modes], 0.0)

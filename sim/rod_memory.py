@@ -182,6 +182,10 @@ class Work(NamedTuple):
     """Shape (d,)."""
     mean: FloatArray
     """Velocity that moves the rod in the step, all coordinates, shape (6 + s,)."""
+    before: FloatArray
+    """Velocity at the start of the step, all coordinates, shape (6 + s,)."""
+    off: FloatArray
+    """Strains off their rest, θ of the step on, and damping, shape (s,)."""
     theta: FloatArray
     """Weight of the step's end of each coordinate, shape (6 + s,), and the step it was made for."""
 
@@ -283,6 +287,8 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Wo
     matrix = flat.reshape(columns, columns)
     vector, at = _line(memory, at, columns)
     mean, at = _line(memory, at, size)
+    before, at = _line(memory, at, size)
+    off, at = _line(memory, at, strains)
     theta, at = _line(memory, at, size + 1)
     state = State(
         position_m, rotation, strain, velocity, momentum, flag, rest_strain, lagged_1_m, stiffness, modal_rate_1_s2,
@@ -294,7 +300,7 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Wo
     )  # fmt: skip
     work = Work(
         column, strain_, rotation_, section, place_m, cross, density, swept, rows, rate, foretold, ahead, change, bias,
-        triple, arm_m, inertia, matrix, vector, mean, theta,
+        triple, arm_m, inertia, matrix, vector, mean, before, off, theta,
     )  # fmt: skip
     return state, rule, contacts, work, at
 

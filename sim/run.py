@@ -35,9 +35,10 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[float], None]
 """Told the simulated time [s] now and then."""
 
-BLOCK_S = 0.5
+BLOCK_S, BLOCK_STEPS = 0.5, 50
 ASLEEP_BLOCK_S = 10.0
-"""Simulated time that a twin plays at once, awake and asleep: what an interrupt waits for and a killed run loses."""
+"""Simulated time that a twin plays at once, awake (so many steps at least) and asleep: what an interrupt waits for and
+what a killed run loses."""
 _PROGRESS_S = 0.1
 
 
@@ -278,7 +279,7 @@ class _InBlocks:
 
     def _block(self, done: int) -> int:
         """Samples to play between two looks at the outside world."""
-        block_s = ASLEEP_BLOCK_S if self._asleep else BLOCK_S
+        block_s = ASLEEP_BLOCK_S if self._asleep else max(BLOCK_S, BLOCK_STEPS * self._twin.step_s)
         return min(max(1, math.floor(block_s / self._sample_s + 1e-9)), self._total - done)
 
 

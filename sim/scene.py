@@ -162,7 +162,7 @@ class Solver(pydantic.BaseModel):
     duration_s: float = Field(11.0, gt=0, le=1e6, description="simulated time, in seconds")
     seed: int = Field(0, ge=0, le=2**63 - 1, description="of every random draw of the run")
     step_s: float | None = Field(
-        None, ge=1e-6, le=0.1, description="overrides the step that accuracy chooses, in seconds"
+        None, ge=1e-6, le=0.2, description="overrides the step that accuracy chooses, in seconds"
     )
     segments: int | None = Field(None, ge=2, le=200, description="bullet: overrides the number of segments")
     modes: int | None = Field(None, ge=1, le=12, description="rod: overrides the number of bending modes")

@@ -61,9 +61,9 @@ def test_the_segment_twin_leaves_nothing_out(softbot: Any, roll: Path) -> None:
 
 
 def test_bad_input_is_refused_as_in_a_run(softbot: Any, roll: Path) -> None:
-    result = softbot("run", roll, "--explain", "--set", "drive.period_s=0.01", "--set", "solver.step_s=0.001")
+    result = softbot("run", roll, "--explain", "--set", "drive.period_s=0.005", "--set", "solver.step_s=0.001")
     assert result.exit_code == 2
-    assert "fewer than 20 steps" in result.stderr
+    assert "fewer than 10 steps" in result.stderr
 
 
 def test_a_rest_is_told_in_words(softbot: Any, roll: Path) -> None:

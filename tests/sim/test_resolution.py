@@ -136,9 +136,9 @@ def test_points_are_more_than_the_modes_that_are_given(table: dict[str, Any]) ->
 
 
 def test_a_drive_too_fast_for_a_given_step_is_refused(table: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match=r"drive\.period_s = 0\.05: .* fewer than 20 steps; take at least 0\.1 s"):
-        resolve(scene(table, drive__period_s=0.05, solver__step_s=0.005))
-    assert resolve(scene(table, drive__period_s=0.05)).step_s <= 0.0025
+    with pytest.raises(InputError, match=r"drive\.period_s = 0\.04: .* fewer than 10 steps; take at least 0\.05 s"):
+        resolve(scene(table, drive__period_s=0.04, solver__step_s=0.005))
+    assert resolve(scene(table, drive__period_s=0.04)).step_s <= 0.004
 
 
 @pytest.mark.parametrize("half_bend", [0.1, 0.5, 0.9, 1.3])
@@ -196,6 +196,7 @@ def demand(**changes: Any) -> Demand:
         "floating_ratio": 0.32,
         "swing": 0.0,
         "turn_rate_rad_s": math.pi,
+        "own_rate_rad_s": 0.0,
         "hold_s": 0.0,
         "natural_rad_s": 127.0,
         "damping_s": 0.02,
@@ -215,7 +216,14 @@ def test_errors_fall_with_fineness_and_grow_with_the_load() -> None:
     assert points_error(demand(weight=30.0), 20) > points_error(demand(), 20)
     afloat = demand(rubs_on="nothing", damping_s=0.0)
     assert step_error(afloat, 0.01) == pytest.approx(4.0 * step_error(afloat, 0.005))
-    for heavier in ({"valves_s": 0.05}, {"lag_s": 0.05}, {"ramp_s": 0.1}, {"turn_rate_rad_s": 9.0}, {"hold_s": 0.5}):
+    for heavier in (
+        {"valves_s": 0.05},
+        {"lag_s": 0.05},
+        {"ramp_s": 0.1},
+        {"turn_rate_rad_s": 9.0},
+        {"own_rate_rad_s": 9.0},
+        {"hold_s": 0.5},
+    ):
         assert step_error(demand(**heavier), 0.01) > step_error(demand(), 0.01)
     assert points_error(demand(downhill=(0.3, 0.0)), 12) > points_error(demand(), 12)
 
