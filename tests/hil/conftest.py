@@ -19,6 +19,8 @@ import pytest
 
 from controllers.pressure_loop import PressureLoopGains
 from sim.scene import Scene, load_scene
+from softbot.nodes.deciding_board import DecidingBoard
+from softbot.nodes.plant_node import board_limits
 
 GAINS = PressureLoopGains(proportional_1_s=18.0, integral_1_s2=16.0, sample_s=0.01, model_lag_s=0.03)
 DAMAGED = Path(__file__).parents[2] / "scenes" / "damaged.toml"
@@ -57,6 +59,13 @@ def transport(request: pytest.FixtureRequest) -> Transport:
 def shared_transport(request: pytest.FixtureRequest) -> Transport:
     """Each kind of bus in turn, for a run that several tests look at."""
     return transport_named(request.param)
+
+
+@pytest.fixture(scope="module", params=list(DecidingBoard))
+def deciding_board(request: pytest.FixtureRequest, damaged_scene: Callable[..., Scene]) -> DecidingBoard:
+    """The board in Python and the board in C in turn; the latter compiled, before a bus is open."""
+    request.param.rules(board_limits(damaged_scene().robot), 1)
+    return request.param
 
 
 class Beside:

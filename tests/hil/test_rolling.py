@@ -16,6 +16,7 @@ from firmware_protocol.sequencer_link import LinkFailure
 from firmware_protocol.trace import read_trace
 from sim.scene import Scene
 from sim.telemetry import read_telemetry
+from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.wall_clock import PlantRun, SequencerRun, run_plant, run_sequencer
 
 FAULT_S, END_S = 4.0, 8.0
@@ -24,7 +25,15 @@ FAULT_S, END_S = 4.0, 8.0
 class Rolled:
     """The two ends' outcomes and the plant's run folder."""
 
-    def __init__(self, scene: Scene, gains: PressureLoopGains, transport: tuple[str, str], beside: Any, folder: Path):
+    def __init__(
+        self,
+        scene: Scene,
+        gains: PressureLoopGains,
+        transport: tuple[str, str],
+        beside: Any,
+        folder: Path,
+        board: DecidingBoard,
+    ):
         self.folder = folder
         other = beside(transport, lambda stop: run_sequencer(scene, *transport, stop=stop))
         try:
@@ -33,6 +42,7 @@ class Rolled:
                 *transport,
                 folder,
                 gains=gains,
+                board=board,
                 progress=lambda t_s: other.stop.set() if t_s > END_S - 0.3 else None,
             )
         finally:
@@ -49,11 +59,12 @@ def rolled(
     damaged_scene: Callable[..., Scene],
     gains: PressureLoopGains,
     beside: Any,
+    deciding_board: DecidingBoard,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Rolled:
     # On the virtual bus both ends are one process: nothing is armed before both have started.
     scene = damaged_scene(f"fault.0.t_s={FAULT_S}", f"solver.duration_s={END_S}", "sequencer.start_s=1")
-    return Rolled(scene, gains, shared_transport, beside, tmp_path_factory.mktemp("rolled") / "run")
+    return Rolled(scene, gains, shared_transport, beside, tmp_path_factory.mktemp("rolled") / "run", deciding_board)
 
 
 def test_it_was_armed_by_the_handshake_and_only_then_pressurised(rolled: Rolled) -> None:
