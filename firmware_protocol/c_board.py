@@ -146,13 +146,14 @@ class CBoardRules:
         """Judges one frame and acts on it if it is accepted."""
         try:
             now_us, content = _clock(t_s), bytes(data)
+            carried_id = ctypes.c_uint32(frame_id if 0 <= frame_id < 1 << 32 else (1 << 32) - 1)
         except Exception as error:  # as in BoardRules: never in the caller
             self._internal_error(error)
             return Received(FrameStatus.MALFORMED)
         judged = (ctypes.c_int32 * 3)()
         self._library.softbot_host_receive(
             self.board,
-            ctypes.c_uint32(frame_id if 0 <= frame_id < 1 << 32 else (1 << 32) - 1),
+            carried_id,
             content.ljust(8, b"\0"),
             ctypes.c_uint32(len(content)),
             now_us,
@@ -166,16 +167,15 @@ class CBoardRules:
 
     def tick(self, t_s: float, measured_pressure_Pa: Sequence[float]) -> BoardDecision:
         """The cycle's decision, after checking timeouts and the measured pressures [4 values, gauge Pa]."""
-        pressures = (ctypes.c_int32 * CHAMBERS)(*(SENSOR_INVALID_hPa,) * CHAMBERS)
-        now_us = ctypes.c_uint64(self.state.now_us or 0)
         try:
             now_us = _clock(t_s)
             measured = [measured_hPa(each) for each in measured_pressure_Pa]
             if len(measured) != CHAMBERS:
                 raise ValueError(f"{len(measured)} measured pressures for {CHAMBERS} chambers")
-            pressures = (ctypes.c_int32 * CHAMBERS)(*measured)
         except Exception as error:  # as in receive
             self._internal_error(error)
+            now_us, measured = ctypes.c_uint64(self.state.now_us or 0), [SENSOR_INVALID_hPa] * CHAMBERS
+        pressures = (ctypes.c_int32 * CHAMBERS)(*measured)
         decided = (ctypes.c_int32 * 8)()
         self._library.softbot_host_tick(self.board, now_us, pressures, decided)
         mode, reason = BoardMode(decided[0]), SafeReason(decided[1])
