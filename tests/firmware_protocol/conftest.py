@@ -116,7 +116,7 @@ class Bench:
             assert self.tick() == decision
 
 
-@pytest.fixture(scope="session", params=[BoardRules, CBoardRules], ids=["python", "c"])
+@pytest.fixture(scope="session", params=[BoardRules, CBoardRules], ids=["python", "compiled"])
 def new_bench(request: pytest.FixtureRequest) -> Callable[..., Bench]:
     """Makes a bench; `Bench(limits, version)`. Once with the board in Python and once with the board in C."""
     return partial(Bench, make_rules=request.param)
