@@ -397,6 +397,14 @@ def test_measurements_that_make_no_sense_end_in_the_safe_state(
         assert "Error" in board.state.last_error
 
 
+def test_a_wrong_number_of_pressures_ends_in_the_safe_state(boards: tuple[BoardRules, CBoardRules]) -> None:
+    for board in boards:
+        for measured in ((0.0,) * 3, (0.0,) * 5, ("low",) * 4, None):
+            decision = board.tick(0.0, measured)  # type: ignore[arg-type]
+            assert (decision.safe, decision.reason) == (True, SafeReason.INTERNAL_ERROR)
+            assert not board.state.pressures_valid
+
+
 def test_times_and_frames_that_make_no_sense_end_in_the_safe_state(c_library: ctypes.CDLL) -> None:
     for t_s in (math.nan, -1.0, 1e300):
         for call in ("tick", "receive", "outgoing"):
