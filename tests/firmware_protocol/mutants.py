@@ -291,8 +291,20 @@ def run_tests(mutant: Mutant, tests: list[str]) -> int:
         del sys.modules[name]
         delattr(sys.modules[PACKAGE], name.split(".")[1])
     sys.meta_path.insert(0, MutatedModule(mutant))
+    own_first = sorted(tests, key=lambda each: f"/test_{mutant.module}." not in each and not each.startswith("-m"))
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(io.StringIO()):
-        return int(pytest.main([*PYTEST_OPTIONS, *tests]))
+        return int(pytest.main([*PYTEST_OPTIONS, *own_first], plugins=[PythonBoardOnly()]))
+
+
+class PythonBoardOnly:
+    """The board in C has nothing to say of mutants in Python."""
+
+    def pytest_collection_modifyitems(self, items: list) -> None:
+        items[:] = [item for item in items if "c" not in getattr(item, "callspec", NoParameters).id.split("-")]
+
+
+class NoParameters:
+    id = ""
 
 
 # Not the board in C: compiling it for each mutant of the board in Python would only take time.
@@ -321,9 +333,9 @@ def main() -> int:
     unchanged = Mutant(modules[0], 0, "", "", (ROOT / PACKAGE / f"{modules[0]}.py").read_text(encoding="utf-8"))
     default = "not slow and not stress"
     stages = [
-        ["-m", f"{default} and not hypothesis", *config["quick_tests"]],
-        ["-m", f"{default} and hypothesis", *config["quick_tests"]],
-        ["-m", default, *config["more_tests"]],
+        [f"-m{default} and not hypothesis", *config["quick_tests"]],
+        [f"-m{default} and hypothesis", *config["quick_tests"]],
+        [f"-m{default}", *config["more_tests"]],
     ]
     if not survives(unchanged, stages):
         print("the tests fail without any mutant: python -m pytest", *config["quick_tests"], *config["more_tests"])
@@ -336,6 +348,7 @@ def main() -> int:
         ):
             if alive:
                 survivors.append(mutant)
+                print(f"survived: {mutant.module}.py:{mutant.line}: {mutant.place!r}: {mutant.change}", flush=True)
             if done % 100 == 0:
                 print(
                     f"{done} of {len(mutants)} mutants, {len(survivors)} survivors, {time.monotonic() - started:.0f} s"
@@ -368,7 +381,7 @@ def report(modules: list[str], mutants: list[Mutant], survivors: list[Mutant]) -
     stale = explained - alive
     for mutant in survivors:
         if unexplained[mutant.key] > 0:
-            print(f"SURVIVED {mutant.module}.py:{mutant.line}: {mutant.place!r}: {mutant.change}")
+            print(f"UNEXPLAINED {mutant.module}.py:{mutant.line}: {mutant.place!r}: {mutant.change}")
     for module, place, change in stale:
         print(f"EXPLAINED BUT NOT ALIVE {module}: {place!r}: {change}")
     print(
