@@ -293,18 +293,7 @@ def run_tests(mutant: Mutant, tests: list[str]) -> int:
     sys.meta_path.insert(0, MutatedModule(mutant))
     own_first = sorted(tests, key=lambda each: f"/test_{mutant.module}." not in each and not each.startswith("-m"))
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(io.StringIO()):
-        return int(pytest.main([*PYTEST_OPTIONS, *own_first], plugins=[PythonBoardOnly()]))
-
-
-class PythonBoardOnly:
-    """The board in C has nothing to say of mutants in Python."""
-
-    def pytest_collection_modifyitems(self, items: list) -> None:
-        items[:] = [item for item in items if "c" not in getattr(item, "callspec", NoParameters).id.split("-")]
-
-
-class NoParameters:
-    id = ""
+        return int(pytest.main([*PYTEST_OPTIONS, *own_first]))
 
 
 # Not the board in C: compiling it for each mutant of the board in Python would only take time.
