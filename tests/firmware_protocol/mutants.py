@@ -11,8 +11,8 @@ here):
 - statements left out; returned values replaced by None.
 
 A mutant runs in a process forked off one that has loaded everything else. It is killed by a failing test or by taking
-more than a minute of processor time. A survivor has to be explained in mutants.toml; an explanation of a mutant that does not survive
-fails too. What is run, and against which tests, stands in pyproject.toml under [tool.mutants].
+more than a minute of processor time. A survivor has to be explained in mutants.toml; an explanation of a mutant that
+does not survive fails too. What is run, and against which tests, stands in pyproject.toml under [tool.mutants].
 
     python tests/firmware_protocol/mutants.py [--module NAME]… [--list]
 """
