@@ -33,6 +33,8 @@ def plant(
     how it keeps time.
     """
     import contextlib
+    import json as json_format
+    from dataclasses import asdict
 
     from sim.scene import load_scene
     from softbot.cli.perform import import_twin, kept, print_outcome
@@ -67,6 +69,7 @@ def plant(
                 board=board,
                 bus_faults=bus_faults or (),
             )
+        (folder / "timing.json").write_text(json_format.dumps(asdict(run.timing), indent=2) + "\n", encoding="utf-8")
         write_report(folder)
     say(str(run.timing))
     print_outcome(folder, json=json)

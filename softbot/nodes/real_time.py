@@ -12,6 +12,7 @@ import ctypes
 import gc
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 PRIORITY = 20
@@ -28,13 +29,22 @@ class Granted(NamedTuple):
     refused: tuple[str, ...]
 
 
+def swaps(table: Path = Path("/proc/swaps")) -> bool:
+    """Whether this machine has somewhere to swap to; without it there is nothing to keep from it."""
+    try:
+        return len(table.read_text(encoding="ascii").splitlines()) > 1
+    except OSError:
+        return True
+
+
 @contextlib.contextmanager
 def real_time(urgent: bool = False) -> Iterator[Granted]:
     """For the time of a loop; everything is put back at the end (memory that is kept in stays so)."""
     gc.collect()
     gc.freeze()
     before: tuple[int, os.sched_param] | None = None
-    memory_kept, refused = False, []
+    memory_kept = False
+    refused: list[str] = []
     try:
         if urgent:
             policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -46,9 +56,8 @@ def real_time(urgent: bool = False) -> Iterator[Granted]:
                     f"no real-time priority: {error.strerror} (needs root, CAP_SYS_NICE, or "
                     f"`@softbot - rtprio {PRIORITY}` in /etc/security/limits.conf)"
                 )
-            if ctypes.CDLL(None, use_errno=True).mlockall(_KEEP_WHAT_IS_USED) == 0:
-                memory_kept = True
-            else:
+            memory_kept = not swaps() or ctypes.CDLL(None, use_errno=True).mlockall(_KEEP_WHAT_IS_USED) == 0
+            if not memory_kept:
                 refused.append(
                     f"memory may be swapped out: {os.strerror(ctypes.get_errno())} (needs root, CAP_IPC_LOCK, or "
                     "`@softbot - memlock unlimited` in /etc/security/limits.conf)"

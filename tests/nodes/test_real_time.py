@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import gc
 import os
+from pathlib import Path
 
 import pytest
 
 from softbot.nodes import real_time as module
-from softbot.nodes.real_time import real_time
+from softbot.nodes.real_time import real_time, swaps
 
 
 def test_what_was_there_before_is_left_alone_by_the_collector() -> None:
@@ -29,6 +30,15 @@ def test_a_priority_that_is_granted_is_given_back(monkeypatch: pytest.MonkeyPatc
     assert set_to == [os.SCHED_FIFO, before]
 
 
+def test_memory_is_kept_where_there_is_no_swap(tmp_path: Path) -> None:
+    table = tmp_path / "swaps"
+    table.write_text("Filename\t\t\t\tType\t\tSize\n")
+    assert not swaps(table)
+    table.write_text("Filename\t\t\t\tType\t\tSize\n/swapfile file 1\n")
+    assert swaps(table)
+    assert swaps(tmp_path / "none")
+
+
 def test_refusals_say_what_would_allow_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
@@ -38,6 +48,7 @@ def test_refusals_say_what_would_allow_it(monkeypatch: pytest.MonkeyPatch) -> No
             return -1
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(module, "swaps", lambda: True)
     monkeypatch.setattr(module.ctypes, "CDLL", lambda *_, **__: Library())
     with real_time(urgent=True) as granted:
         assert not granted.priority
