@@ -47,6 +47,7 @@ _MIN_STRETCH = 0.05  # below this the wall is crushed and no law means anything
 _NEWTON_STEPS = 60
 _REACHED = 0.01  # of what was wanted
 _STRAIGHT_1_M = 1e-6
+_LOOKED_AT = 8  # stretches between the shortest tube and the longest
 _PRE_STRETCH = PARAMETERS  # its place in the kernels' numbers of a wall, after those of the material
 PRE_STRETCH_BOUNDS = (0.5, 3.0)
 
@@ -530,6 +531,27 @@ def _longest_pressures(
 
 
 @njit(cache=True)
+def _holds(
+    points: FloatArray,
+    code: int,
+    wall: FloatArray,
+    load: FloatArray,
+    least_Pa: FloatArray,
+    room_Pa: FloatArray,
+    strain: FloatArray,
+    extra: FloatArray,
+) -> int:
+    """Whether the chambers can hold a strain (3,), and with what: `_longest_pressures` of the wall's forces there."""
+    force, stiffness = np.empty(3), np.empty((3, 3))
+    if not _wall(points, code, wall, strain, force, stiffness):
+        return -1  # a longer tube can be bent further before its inner side is crushed
+    for i in range(load.shape[1]):
+        for k in range(3):
+            force[k] -= load[k, i] * least_Pa[i]
+    return _longest_pressures(load, force[1:], force[0], room_Pa, extra)
+
+
+@njit(cache=True)
 def _shortest_of_curvature(
     points: FloatArray,
     code: int,
@@ -546,23 +568,27 @@ def _shortest_of_curvature(
 
     Writes it to `strain[0]` and its pressures to `extra`; False, and `extra` is spoilt, where there is none.
     """
-    force, stiffness = np.empty(3), np.empty((3, 3))
     trial, found = strain.copy(), np.empty(load.shape[1])
     short, long, holds = strain[0], longest, False
+    for n in range(_LOOKED_AT):  # what carries the bend may be neither the shortest nor the longest
+        trial[0] = strain[0] + (longest - strain[0]) * (n + 1) / _LOOKED_AT
+        if _holds(points, code, wall, load, least_Pa, room_Pa, trial, found) == 0:
+            short, long = strain[0] + (longest - strain[0]) * n / _LOOKED_AT, trial[0]
+            holds = True
+            extra[:] = found
+            break
     for _ in range(tries):
         trial[0] = 0.5 * (short + long)
-        side = -1
-        if _wall(points, code, wall, trial, force, stiffness):
-            bias = load @ least_Pa
-            side = _longest_pressures(load, force[1:] - bias[1:], force[0] - bias[0], room_Pa, found)
+        side = _holds(points, code, wall, load, least_Pa, room_Pa, trial, found)
         if side == 0:
             holds = True
-            strain[0] = trial[0]
             extra[:] = found
-        if side == 0 or side == 1:
+        if side in (0, 1):
             long = trial[0]
         else:
             short = trial[0]
+    if holds:
+        strain[0] = long
     return holds
 
 
@@ -627,15 +653,11 @@ def _invert_stretched(
 
     `strain` (3,) and `extra` (4,) are moved on in place; left as they are where the chambers cannot carry the bend.
     """
-    force, stiffness = np.empty(3), np.empty((3, 3))
     trial, found = strain.copy(), np.empty(load.shape[1])
     shortest, longest = strain[0], stretch
     trial[0] = stretch
     for _ in range(40):
-        side = 1
-        if _wall(points, code, wall, trial, force, stiffness):
-            bias = load @ least_Pa
-            side = _longest_pressures(load, force[1:] - bias[1:], force[0] - bias[0], room_Pa, found)
+        side = _holds(points, code, wall, load, least_Pa, room_Pa, trial, found)
         if side == 0:
             strain[:] = trial
             extra[:] = found
@@ -691,7 +713,12 @@ def _inverse(
         least_load[i] = max(least_Pa[i] - dead_band_Pa, 0.0)
         room[i] = max(most_Pa[i] - dead_band_Pa, 0.0) - least_load[i]
     stiffness, jacobian = np.empty((3, 3)), np.empty((3, chambers))
-    strain = np.array([1.0, wanted_1_m[0], wanted_1_m[1]])
+    strain = np.array([stretch, wanted_1_m[0], wanted_1_m[1]])
+    if stretch > 0.0 and _holds(points, code, wall, load, least_load, room, strain, extra) == 0:
+        _loaded(load, dead_band_Pa, least_Pa, most_Pa, least_load, extra, pressure_Pa)
+        given[0], given[1], given[2] = 1.0, 0.0, 0.0
+        return _equilibrium(points, code, wall, load, dead_band_Pa, pressure_Pa, given, stiffness, jacobian)
+    strain[0] = 1.0
     _invert(points, code, wall, load, least_load, room, strain, extra)
     _loaded(load, dead_band_Pa, least_Pa, most_Pa, least_load, extra, pressure_Pa)
     given[0], given[1], given[2] = 1.0, 0.0, 0.0
