@@ -261,7 +261,7 @@ class BoardRules:
                 "SafeReason": state.reason,
                 "Health": self.machine.health(blemished=self.reception.blemished),
                 "ArmChallenge": state.challenge,
-                "UptimeS": max(t_us - state.started_us, 0) // 1_000_000,
+                "UptimeS": (t_us - state.started_us) // 1_000_000,
             }
             frames.append(self.sender.send("BoardHeartbeat", heartbeat))
         if self.schedule.due("BoardBoot", t_us):
@@ -281,7 +281,7 @@ class BoardRules:
         if self._sync is not None and self._event_due("TimeSyncResponse", t_us):
             sync_id, came_us = self._sync
             self._sync = None
-            sync = {"SyncId": sync_id, "ReceiveUs": came_us & 0xFFFFFFFF, "HoldUs": max(t_us - came_us, 0)}
+            sync = {"SyncId": sync_id, "ReceiveUs": came_us & 0xFFFFFFFF, "HoldUs": t_us - came_us}
             frames.append(self.sender.send("TimeSyncResponse", sync))
         if self.schedule.due("BoardErrors", t_us):
             frames.append(self.sender.send("BoardErrors", self._error_counters()))

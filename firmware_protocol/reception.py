@@ -30,7 +30,7 @@ class Received:
     @property
     def signals(self) -> dict[str, float]:
         """The signals [physical, DBC units]; empty unless accepted."""
-        return physical(self.name, self.raw) if self.name is not None and self.raw else {}
+        return physical(str(self.name), self.raw) if self.raw else {}
 
 
 @dataclass(frozen=True, slots=True)

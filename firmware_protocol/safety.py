@@ -62,12 +62,12 @@ class BoardFaultRecord:
 class BoardState:
     """All that the machine remembers besides the parameters. Times in µs; None: not yet, or forgotten."""
 
+    challenge_seed: int
     mode: BoardMode = BoardMode.SAFE_LATCHED
     reason: SafeReason = SafeReason.POWER_UP
     control_mode: ControlMode = ControlMode.DISARM
     setpoints_hPa: FourCounts = VENTED_hPa
     challenge: int = 0
-    challenge_seed: int = 1
     pressures_valid: bool = False
     bus_state: BusState = BusState.ERROR_ACTIVE
     now_us: int | None = None

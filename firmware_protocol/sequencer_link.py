@@ -329,7 +329,7 @@ class SequencerLink:
             wanted = four_signals("Setpoint", setpoints_Pa if self.armed else _NOTHING, PASCAL_PER_KILOPASCAL)
             frames.append(self.sender.send("SequencerSetpoints", wanted))
         if self.schedule.due("SequencerHeartbeat", now_us):
-            uptime_s = max(now_us - self._started_us, 0) // 1_000_000
+            uptime_s = (now_us - self._started_us) // 1_000_000
             heartbeat = {"State": sequencer_state, "Health": health, "UptimeS": uptime_s}
             frames.append(self.sender.send("SequencerHeartbeat", heartbeat))
         if self.faults_to_send and now_us >= self._next_fault_us:

@@ -206,10 +206,10 @@ def test_error_counters_tell_bus_protection_and_refusals(new_bench: NewBench) ->
 
 def test_a_clock_request_is_answered_with_the_boards_clock(new_bench: NewBench) -> None:
     bench = new_bench()
-    bench.t_s = 4300.0  # beyond 2^32 us
+    bench.t_s = 4300.000001  # beyond 2^32 us
     bench.put(bench.peer.send("TimeSyncRequest", {"SyncId": 9, "SendUs": 5}))
-    answer = dict(decode(*frame) for frame in bench.rules.outgoing(4300.0021))["TimeSyncResponse"]
-    assert (answer["SyncId"], answer["ReceiveUs"], answer["HoldUs"]) == (9, 4_300_000_000 - (1 << 32), 2100)
+    answer = dict(decode(*frame) for frame in bench.rules.outgoing(4300.002101))["TimeSyncResponse"]
+    assert (answer["SyncId"], answer["ReceiveUs"], answer["HoldUs"]) == (9, 4_300_000_001 - (1 << 32), 2100)
     assert "TimeSyncResponse" not in dict(decode(*frame) for frame in bench.rules.outgoing(4301.0))
     for sync_id in (1, 2):
         bench.t_s += 2.0

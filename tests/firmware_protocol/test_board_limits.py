@@ -50,6 +50,25 @@ def test_limits_that_protect_nothing_are_refused(bad: dict[str, float], complain
         BoardLimits(**({"max_setpoint_Pa": 200e3, "over_pressure_Pa": 250e3} | bad))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    "edge",
+    [
+        {"over_pressure_Pa": 809.1e3},
+        {"max_setpoint_Pa": 100.0, "over_pressure_Pa": 200.0},
+        {"command_timeout_s": 0.001, "heartbeat_timeout_s": 0.001, "arming_timeout_s": 0.001},
+        {"command_timeout_s": 10.0, "heartbeat_timeout_s": 10.0, "arming_timeout_s": 10.0},
+    ],
+)
+def test_limits_at_their_edges_are_taken(edge: dict[str, float]) -> None:
+    BoardLimits(**({"max_setpoint_Pa": 99e3, "over_pressure_Pa": 250e3} | edge))  # type: ignore[arg-type]
+
+
+def test_pressures_saturate_at_32_bits_and_what_is_not_finite_has_a_count_of_its_own() -> None:
+    assert measured_hPa(1e300) == (1 << 31) - 1
+    assert measured_hPa(-1e300) == -((1 << 31) - 1)
+    assert measured_hPa(math.nan) == SENSOR_INVALID_hPa == -(1 << 31)
+
+
 def test_limits_are_rounded_to_the_strict_side() -> None:
     limits = BoardLimits(199.99e3, 250.09e3, 0.0999999999999, 0.2004, 0.3)
     assert (limits.max_setpoint_hPa, limits.over_pressure_hPa) == (1999, 2500)
@@ -64,6 +83,14 @@ def test_a_measured_pressure_is_above_a_limit_in_counts_exactly_if_it_is_in_pasc
     for limit_hPa in (1, 2, 2000, 2500):
         assert (counts > limit_hPa) == (math.isfinite(pressure_Pa) and pressure_Pa > 100.0 * limit_hPa)
     assert (counts == SENSOR_INVALID_hPa) == (not math.isfinite(pressure_Pa))
+
+
+@pytest.mark.parametrize("seed", [1, 65535])
+def test_challenges_follow_from_their_seed(seed: int) -> None:
+    rules = BoardRules(BoardLimits(200e3, 250e3), challenge_seed=seed)
+    assert rules.state.challenge_seed == seed
+    assert rules.state.challenge == 0
+    assert BoardRules(BoardLimits(200e3, 250e3)).state.challenge_seed == 1
 
 
 @pytest.mark.parametrize("seed", [0, 65536])

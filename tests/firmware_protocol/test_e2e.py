@@ -162,6 +162,17 @@ def test_max_delta_of_one_tolerates_no_loss() -> None:
     assert receiver.check(stop_frame(2)) is FrameStatus.WRONG_SEQUENCE
 
 
+def test_a_status_is_called_what_it_is() -> None:
+    assert all(status == name.lower() for name, status in FrameStatus.__members__.items())
+
+
+def test_a_receiver_tolerates_two_lost_frames_unless_told() -> None:
+    for last, status in ((3, FrameStatus.OK_SOME_LOST), (4, FrameStatus.WRONG_SEQUENCE)):
+        receiver = Receiver("EmergencyStop")
+        receiver.check(stop_frame(0))
+        assert receiver.check(stop_frame(last)) is status
+
+
 def test_only_three_statuses_are_accepted() -> None:
     assert {status for status in FrameStatus if status.accepted} == {"ok", "ok_some_lost", "initial"}
 

@@ -8,25 +8,8 @@ from firmware_protocol.codec import dbc_hash
 from firmware_protocol.e2e import FrameStatus, Sender, protect
 from firmware_protocol.errors import LimitsError
 from firmware_protocol.reception import Reception, ReceptionLimits
-from firmware_protocol.spec import spec
 
 SETPOINTS = {f"Setpoint{chamber}": 100.0 for chamber in range(4)}
-
-
-def test_the_whole_identifier_space_but_the_list_is_refused() -> None:
-    for node, own in (("Board", "Sequencer"), ("Sequencer", "Board")):
-        reception = Reception(node)
-        listed = {each.frame_id: each.length_bytes for each in spec().messages if each.sender == own}
-        for frame_id in range(2048):
-            for length in range(9):
-                received = reception.accept(frame_id, bytes(length), 0)
-                assert not received.status.accepted
-                assert received.signals == {}
-                if frame_id not in listed:
-                    assert received.status is FrameStatus.NOT_LISTED
-                elif listed[frame_id] != length:
-                    assert received.status is FrameStatus.MALFORMED
-        assert reception.not_listed == (2048 - len(listed)) * 9
 
 
 def test_accepted_frames_are_decoded_and_dated() -> None:
@@ -85,3 +68,25 @@ def test_exempt_messages_need_the_crc_but_not_the_counter() -> None:
 def test_limits_that_mean_nothing_are_refused(bad: dict[str, int]) -> None:
     with pytest.raises(LimitsError, match="must be from"):
         ReceptionLimits(**bad)
+
+
+@pytest.mark.parametrize(("good_between", "beyond"), [(2, True), (3, False)])
+def test_the_window_is_as_long_as_it_says(good_between: int, beyond: bool) -> None:
+    reception = Reception("Board", ReceptionLimits(window_frames=4, tolerated_errors=1))
+    sender = Sender()
+    assert not reception.accept(0x110, bytes(8), 0).beyond_tolerance
+    for _ in range(good_between):
+        reception.accept(*sender.send("SequencerSetpoints", SETPOINTS), 0)
+    assert reception.accept(0x110, bytes(8), 0).beyond_tolerance == beyond
+
+
+def test_a_wrong_crc_is_named_so_whatever_the_frame_says() -> None:
+    reception = Reception("Board")
+    data = protect("SequencerControl", bytes([0, 0x70, 0, 0, 0, 0, 0, 0]), 0)
+    received = reception.accept(0x100, bytes([data[0] ^ 1]) + data[1:], 0)
+    assert (received.status, received.raw) == (FrameStatus.WRONG_CRC, {})
+
+
+def test_limits_at_their_edges_are_taken() -> None:
+    for limits in (ReceptionLimits(1, 1, 0), ReceptionLimits(14, 16, 15)):
+        assert Reception("Board", limits).limits is limits
