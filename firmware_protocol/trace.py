@@ -1,8 +1,10 @@
-"""Everything that crossed the bus, in the format of `candump -L` (.log), which CAN tools open.
+"""Everything that crossed the bus, in a file that CAN tools open; the format follows from the name.
 
-Timestamps are given by the caller (simulated time in lock-step), so that a run's trace is the same bytes
-every time. Each call writes whole lines and hands them to the operating system at once: a killed run keeps
-all it recorded.
+    .log  `candump -L`: text, each call on disk at once; the same run gives the same bytes, a killed one keeps all of it
+    .asc  Vector ASCII, times from the first frame
+    .blf  Vector binary, compressed in blocks: a killed writer loses the last one
+
+Timestamps are given by the caller (simulated time in lock-step).
 """
 
 from __future__ import annotations
@@ -10,12 +12,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple
+from typing import IO, Any, NamedTuple
 
 from firmware_protocol.bus import to_frame, to_message
 from firmware_protocol.errors import ProtocolError, TraceError
 from firmware_protocol.frame import Frame
 from firmware_protocol.spec import time_us
+
+FORMATS = (".log", ".asc", ".blf")
 
 
 class TraceRecord(NamedTuple):
@@ -28,18 +32,25 @@ class TraceRecord(NamedTuple):
 class TraceWriter:
     """Writes a trace; use it in a `with` statement or `close()` it.
 
-    `channel`: the name of the bus inside the file. Raises TraceError if the file cannot be written.
+    `channel`: the name of the bus inside a .log. Raises TraceError if the file cannot be written or has another name.
     """
 
     def __init__(self, path: str | Path, channel: str = "vcan0") -> None:
         import can
 
         self.path = Path(path)
+        kind = self.path.suffix.lower()
+        if kind not in FORMATS:
+            raise TraceError(f"{self.path}: the name of a trace ends with {', '.join(FORMATS)}")
+        self._text: IO[str] | None = None
         try:
-            self._file = self.path.open("w", encoding="ascii", newline="\n")
+            if kind == ".log":
+                self._text = self.path.open("w", encoding="ascii", newline="\n")
+                self._writer: Any = can.CanutilsLogWriter(self._text, channel=channel)
+            else:
+                self._writer = can.ASCWriter(self.path) if kind == ".asc" else can.BLFWriter(self.path)
         except OSError as error:
             raise TraceError(f"cannot write the trace {self.path}: {error.strerror}") from error
-        self._writer = can.CanutilsLogWriter(self._file, channel=channel)
         self._last_us = 0
 
     def write(self, frames: Iterable[Frame], t_s: float) -> None:
@@ -53,7 +64,8 @@ class TraceWriter:
         self._last_us = now_us
         for frame in frames:
             self._writer.on_message_received(to_message(frame, now_us / 1e6))
-        self._file.flush()
+        if self._text is not None:
+            self._text.flush()
 
     def close(self) -> None:
         """Closes the file; more than once does no harm."""
@@ -69,12 +81,15 @@ class TraceWriter:
 
 
 def read_trace(path: str | Path) -> Iterator[TraceRecord]:
-    """The frames of a candump log in order; error, remote, extended and CAN FD frames are left out.
+    """The frames of a trace in order; error, remote, extended and CAN FD frames are left out.
 
-    A last line that a killed writer left unfinished is left out too. Raises TraceError naming file and line
-    for a file that cannot be read or a line that is no candump record.
+    A last line of a .log that a killed writer left unfinished is left out too; any name that is neither .asc nor .blf
+    is taken for a .log. Raises TraceError naming the file (and line) for one that cannot be read or is no such trace.
     """
     path = Path(path)
+    if path.suffix.lower() in (".asc", ".blf"):
+        yield from _read_other(path)
+        return
     try:
         text = path.read_text(encoding="ascii")
     except OSError as error:
@@ -85,6 +100,24 @@ def read_trace(path: str | Path) -> Iterator[TraceRecord]:
     lines.pop()  # empty after a whole last line, else the unfinished one
     for number, line in enumerate(lines, start=1):
         yield from _read_line(path, number, line)
+
+
+def _read_other(path: Path) -> Iterator[TraceRecord]:
+    import can
+
+    binary = path.suffix.lower() == ".blf"
+    try:
+        with path.open("rb" if binary else "r") as file:
+            stream: Any = file
+            reader: Iterable[can.Message] = can.BLFReader(stream) if binary else can.ASCReader(stream)
+            for message in reader:
+                frame = to_frame(message)
+                if frame is not None:
+                    yield TraceRecord(message.timestamp, frame)
+    except OSError as error:
+        raise TraceError(f"cannot read the trace {path}: {error.strerror or error}") from error
+    except Exception as error:  # python-can's readers raise what they stumble over
+        raise TraceError(f"{path} is no {path.suffix} trace: {type(error).__name__}: {error}") from error
 
 
 def _read_line(path: Path, number: int, line: str) -> Iterator[TraceRecord]:

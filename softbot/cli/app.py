@@ -17,9 +17,11 @@ from softbot.cli.figure import figure
 from softbot.cli.hub import hub
 from softbot.cli.inverse import inverse
 from softbot.cli.materials import materials
+from softbot.cli.monitor import monitor
 from softbot.cli.plant import plant
 from softbot.cli.predict import predict
 from softbot.cli.pressure_loop import pressure_loop
+from softbot.cli.replay import replay
 from softbot.cli.report import report
 from softbot.cli.run import run
 from softbot.cli.sequence import sequence
@@ -45,6 +47,8 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "plant": plant,
     "sequence": sequence,
     "hub": hub,
+    "monitor": monitor,
+    "replay": replay,
     "campaign": campaign,
     "bench": bench,
     "figure": figure,

@@ -116,3 +116,38 @@ def test_times_must_be_finite_and_go_forward(tmp_path: Path) -> None:
             with pytest.raises(TraceError, match=r"bus\.log"):
                 writer.write([], t_s)
         writer.close()  # closing twice does no harm
+
+
+@pytest.mark.parametrize("name", ["bus.asc", "bus.blf"])
+def test_the_formats_of_other_tools_read_back_with_their_times(tmp_path: Path, name: str) -> None:
+    records = record(tmp_path / name)
+    assert [each.frame for each in read_trace(tmp_path / name)] == [each.frame for each in records]
+    times = [each.t_s for each in read_trace(tmp_path / name)]
+    assert times == pytest.approx([each.t_s for each in records], abs=1e-6)
+    with can.LogReader(tmp_path / name) as reader:
+        assert [message.arbitration_id for message in reader] == [each.frame.frame_id for each in records]
+
+
+@pytest.mark.parametrize("name", ["bus.log", "bus.asc", "bus.blf"])
+def test_python_can_plays_a_trace_onto_a_bus(tmp_path: Path, name: str) -> None:
+    records = record(tmp_path / name)
+    with can.LogReader(tmp_path / name) as reader, can.Bus(f"play-{name}", "virtual") as far:
+        with can.Bus(f"play-{name}", "virtual") as near:
+            for message in can.MessageSync(reader, timestamps=False):
+                near.send(message)
+        came = [far.recv(1.0) for _ in records]
+    assert [(m.arbitration_id, bytes(m.data)) for m in came if m is not None] == [tuple(each.frame) for each in records]
+
+
+def test_what_is_no_such_trace_is_named(tmp_path: Path) -> None:
+    for name in ("bus.asc", "bus.blf"):
+        (tmp_path / name).write_bytes(b"\x00 what is this \xff" * 20)
+        with pytest.raises(TraceError, match=f"{name} is no .* trace"):
+            list(read_trace(tmp_path / name))
+        with pytest.raises(TraceError, match=r"cannot read the trace .*none"):
+            list(read_trace(tmp_path / f"none{name}"))
+
+
+def test_a_trace_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TraceError, match=r"bus\.pcap: the name of a trace ends with \.log, \.asc, \.blf"):
+        TraceWriter(tmp_path / "bus.pcap")
