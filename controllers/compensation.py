@@ -12,15 +12,48 @@ Without memory it is the law's own inverse, at no further cost.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from controllers.robot_model import RobotModel
 from softbot.actuator import ActuatorLaw, InverseSolution
+from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
-from softbot.memory.chain import Memory
+from softbot.memory.chain import Memory, advance, undo
 
 FloatArray = NDArray[np.float64]
+
+
+@njit(cache=True)
+def compensate(model: RobotModel, estimate: Any, strength: FloatArray, pressure_Pa: FloatArray) -> None:
+    """From pressures (4,) that the wall shall feel to those to command, in place: the sequencer's compensator.
+
+    estimate: record of `controllers.estimation`, which follows the chambers; strength (4,): 0 of a chamber that is not
+    used. What a vented chamber still feels is balanced by the opposite one.
+    """
+    step_s, scratch, left_Pa = estimate.step_s, estimate.chamber_scratch, estimate.felt_Pa
+    for i in range(CHAMBERS):
+        left_Pa[i] = 0.0
+        for n in range(scratch.shape[1]):
+            scratch[i, n] = estimate.chamber_state[i, n]
+    advance(model.behind_lines, scratch, left_Pa, step_s, left_Pa)
+    for i in range(2):
+        j = i + 2
+        first, second = max(pressure_Pa[i], left_Pa[i]), max(pressure_Pa[j], left_Pa[j])
+        over = (first - pressure_Pa[i]) * model.load[0, i] - (second - pressure_Pa[j]) * model.load[0, j]
+        if over > 0.0 and strength[j] > 0.0:
+            second += over / model.load[0, j]
+        elif over < 0.0 and strength[i] > 0.0:
+            first -= over / model.load[0, i]
+        pressure_Pa[i], pressure_Pa[j] = first, second
+    for i in range(CHAMBERS):
+        left_Pa[i] = 1.0 if pressure_Pa[i] > left_Pa[i] else 0.0
+    undo(model.behind_lines, estimate.chamber_state, pressure_Pa, step_s, pressure_Pa)
+    for i in range(CHAMBERS):
+        pressure_Pa[i] = min(max(left_Pa[i] * pressure_Pa[i], model.co_contraction_Pa), model.pressure_limit_Pa)
 
 
 class Compensator:

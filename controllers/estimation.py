@@ -3,7 +3,8 @@
 Roll is the right-handed turning of the mid cross-section about its tangent against the vertical (chamber 0 to the left:
 0; up: +90°). The gyro's tangential rate is integrated; the accelerometer, whose specific force points up when the robot
 moves steadily, corrects the angle and the gyro's bias (a complementary filter with integral action after Mahony),
-trusted the less the further its size is from g. The curvature follows from the measured pressures by the actuator law.
+trusted the less the further its size is from g. The curvature follows from the measured pressures by the actuator law,
+through what the chambers remember where the robot has a memory.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from controllers.commutation import wrapped
 from controllers.robot_model import RobotModel
 from softbot.actuator import _wall
 from softbot.cross_section import CHAMBERS
+from softbot.memory.chain import STATE_MOST, advance
 from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
@@ -50,11 +52,16 @@ ESTIMATOR = np.dtype(
         ("step", np.float64, 3),
         ("trial", np.float64, 3),
         ("volume_m3", np.float64, 4),
+        ("step_s", np.float64),
+        ("felt_Pa", np.float64, 4),
+        ("chamber_state", np.float64, (4, STATE_MOST)),
+        ("chamber_scratch", np.float64, (4, STATE_MOST)),
     ],
     align=True,
 )
 """What the estimator believes and remembers, as a record. `volume_m3`: of the chambers by the law, dead volume not
-counted; the four before it are scratch."""
+counted; the four before it are scratch. After it: time since the last reading, pressures that the wall feels, and what
+the chambers remember, with scratch."""
 
 
 def estimator_memory() -> Any:
@@ -76,10 +83,12 @@ def follow_roll(own: Any, reading: Any) -> None:
         trust = math.exp(-off * off)
     else:
         spin, up_rad, trust = own.roll_rate_rad_s + own.bias_rad_s, own.roll_rad, 0.0
+    own.step_s = 0.0
     if math.isnan(own.last_t_s):
         own.roll_rad = up_rad
     else:
         step_s = max(reading.t_s - own.last_t_s, 0.0)
+        own.step_s = step_s
         rate = spin - own.bias_rad_s
         own.roll_rad += step_s * rate
         error = trust * wrapped(up_rad - own.roll_rad)
@@ -117,7 +126,11 @@ def follow_bend(model: RobotModel, own: Any, pressure_Pa: FloatArray, usable: Fl
     for i in range(CHAMBERS):
         if not math.isfinite(pressure_Pa[i]):
             return
-        effective_Pa = usable[i] * max(pressure_Pa[i] - model.dead_band_Pa, 0.0)
+        own.felt_Pa[i] = usable[i] * max(pressure_Pa[i], 0.0)
+    if model.memory.size > 0:
+        advance(model.memory, own.chamber_state, own.felt_Pa, own.step_s, own.felt_Pa)
+    for i in range(CHAMBERS):
+        effective_Pa = max(own.felt_Pa[i] - model.dead_band_Pa, 0.0)
         for a in range(3):
             own.load[a] += load[a, i] * effective_Pa
     for a in range(3):

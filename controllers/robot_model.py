@@ -50,11 +50,15 @@ class RobotModel(NamedTuple):
     pneumatics: FloatArray
     """`PneumaticsParameters.as_arrays()`."""
     pressure_noise_Pa: float
+    memory: FloatArray
+    """What the chambers remember, as `softbot.memory.chain.Memory.numbers`; empty for a robot without memory."""
+    behind_lines: FloatArray
+    """The same for pressures at the chambers themselves, behind their lines."""
 
 
 def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: float = 0.0) -> RobotModel:
     """The model of a robot file. bend_rad: of the C to roll with [rad]; None: what every chamber can give."""
-    law = robot.actuator_law()
+    law, memory = robot.actuator_law(), robot.actuator_memory()
     if bend_rad is None:
         curvature = largest_for_all_chambers_1_m(law, USE_OF_LIMIT * robot.max_pressure_Pa, co_contraction_Pa)
     else:
@@ -74,6 +78,8 @@ def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: 
         float(robot.radius_m * coulomb_advance_ratio(half_bend)),
         robot.pneumatics.as_arrays(),
         float(robot.sensors.pressure_noise_Pa),
+        np.empty(0) if memory is None else memory.numbers,
+        np.empty(0) if memory is None else memory.behind_lines,
     )
 
 

@@ -22,8 +22,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from controllers import commutation, estimation, fault_detection, recovery, robot_model
+from controllers import commutation, compensation, estimation, fault_detection, recovery, robot_model
 from controllers.commutation import commanded_direction_rad, shortfall_rad
+from controllers.compensation import compensate
 from controllers.estimation import estimator_memory, follow_bend, follow_roll
 from controllers.fault_detection import DetectorParts, detect, detections_of, detector_memory, detector_parts
 from controllers.interface import (
@@ -41,6 +42,7 @@ from softbot import actuator, material, pneumatics
 from softbot.cross_section import CHAMBERS
 from softbot.faults import KIND_CODES, KINDS, FaultKind
 from softbot.kernel_stamp import kernel_stamp
+from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.robot import Robot
 from softbot.sensing import READINGS, Readings
 
@@ -217,8 +219,10 @@ def _c_bend_side(estimate: Any) -> int:
 
 
 @njit(cache=True)
-def _bend_towards(parts: SequencerParts, own: Any, direction_rad: float) -> None:
+def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float) -> None:
     pressures_for(parts.model, direction_rad, parts.model.curvature_1_m, own.setpoint_Pa)
+    if parts.model.memory.size > 0:
+        compensate(parts.model, estimate, own.strength, own.setpoint_Pa)
     for i in range(CHAMBERS):
         if own.strength[i] <= 0.0:
             own.setpoint_Pa[i] = 0.0
@@ -298,7 +302,7 @@ def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
         if bent:
             own.side = _c_bend_side(estimate)
         _enter(memory, _rolling_state(parts, own), t_s)
-    _bend_towards(parts, own, commanded_direction_rad(own.side, 0.0, estimate.roll_rad))
+    _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, 0.0, estimate.roll_rad))
 
 
 @njit(cache=True)
@@ -308,7 +312,7 @@ def _reverse(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s:
         own.side = _c_bend_side(estimate)
         own.lead_integral_rad = 0.0
         _enter(memory, _DEGRADED, t_s)
-    _bend_towards(parts, own, reversal.direction_rad)
+    _bend_towards(parts, own, estimate, reversal.direction_rad)
 
 
 @njit(cache=True)
@@ -339,7 +343,7 @@ def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: fl
     direction = commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad)
     if parts.recovers:
         direction -= shortfall_rad(direction, own.strength)
-    _bend_towards(parts, own, direction)
+    _bend_towards(parts, own, estimate, direction)
 
 
 @njit(cache=True)
@@ -390,12 +394,18 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
 cycle = _compile(
     kernel_stamp(
         actuator,
+        chain,
         commutation,
+        compensation,
         estimation,
         fault_detection,
+        hysteresis,
+        line,
         material,
         pneumatics,
+        prony,
         recovery,
+        residual,
         robot_model,
         __file__,
     )

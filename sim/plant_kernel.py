@@ -1,9 +1,9 @@
 """One control period of the plant in compiled code: faults, gas, wall, and where the twin is a rod, its motion too.
 
-`gas_and_wall` takes one step: what is wrong now, the gas balance at the volumes that the robot's shape leaves, the
-actuator law's rest strains and stiffness at the new pressures. `rod_period` does so for all steps of a control period
-and moves the rod between. The rod's own kernel is handed in as a function: it takes long to compile, and so is compiled
-once.
+`gas_and_wall` takes one step: what is wrong now, the gas balance at the volumes that the robot's shape leaves, what
+the chambers remember where they do, the actuator law's rest strains and stiffness at the pressures felt. `rod_period`
+does so for all steps of a control period and moves the rod between. The rod's own kernel is handed in as a function:
+it takes long to compile, and so is compiled once.
 
 Softening scales the wall around a chamber: the quarter of the section nearest to it.
 """
@@ -28,6 +28,8 @@ from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE, VOLUME_FACTOR
 from softbot.kernel_entry import Handed, handed
 from softbot.kernel_stamp import kernel_stamp
+from softbot.memory import chain, hysteresis, line, prony, residual
+from softbot.memory.chain import advance
 from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, WIDENING_1_Pa, conditions_at
 from softbot.pneumatics import PRESSURES_SIZE, STATE_SIZE, step_in_place
 from softbot.robot import Robot
@@ -44,11 +46,12 @@ PLANT = np.dtype(
         ("load", np.float64, 3),
         ("volume_m3", np.float64, CHAMBER_COUNT),
         ("wall_factor", np.float64, CHAMBER_COUNT),
+        ("felt_Pa", np.float64, CHAMBER_COUNT),
     ],
     align=True,
 )
 """State of a plant as a record: gas, gauge pressures (four chambers, manifold), strains (ℓ, k1, k2) that the robot has
-and those that its section would rest at, tangent stiffness; scratch."""
+and those that its section would rest at, tangent stiffness; scratch; pressures that the wall feels, through memory."""
 
 DONE, NO_GAS_BALANCE, NO_SECTION, ROD_LOST = range(4)
 """What a kernel of the plant returns."""
@@ -71,10 +74,15 @@ class PlantParts(NamedTuple):
     twisting_stiffness_N_m2: float
     faults: FloatArray
     """Rows of `softbot.plant_conditions.faults_array`."""
+    chamber_memory: FloatArray
+    """What the chambers remember, as `softbot.memory.chain.Memory.numbers`; empty for a robot without memory."""
+    chamber_state: FloatArray
+    """Its state, shape (4, n), this plant's own; moved on with the plant."""
 
 
 def plant_parts(robot: Robot, law: ActuatorLaw, faults: FloatArray) -> PlantParts:
     """The parts of a robot's plant."""
+    memory = robot.actuator_memory()
     points, *wall = law._points.copy(), *law._material()
     angle = np.arctan2(points[:, 1], points[:, 0])
     off = np.abs(np.angle(np.exp(1j * (angle[:, None] - np.array(CHAMBER_ANGLES_RAD)))))
@@ -88,6 +96,8 @@ def plant_parts(robot: Robot, law: ActuatorLaw, faults: FloatArray) -> PlantPart
         float(robot.length_m),
         float(robot.twisting_stiffness),
         faults,
+        np.empty(0) if memory is None else memory.numbers,
+        np.empty((CHAMBER_COUNT, 0)) if memory is None else memory.rest(),
     )
 
 
@@ -174,7 +184,9 @@ def set_rod_rest(
 _ALOFT, _RESTED, _WORK, _ASLEEP = 0, 1, 3, 7  # places of `State.flag`
 
 
-_STAMP = kernel_stamp(actuator, material, plant_conditions, pneumatics, rod_memory, __file__)
+_STAMP = kernel_stamp(
+    actuator, chain, hysteresis, line, material, prony, residual, plant_conditions, pneumatics, rod_memory, __file__
+)
 
 
 def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
@@ -221,7 +233,11 @@ def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
         for a in range(3):
             own.load[a] = 0.0
         for i in range(CHAMBER_COUNT):
-            pressure = own.pressure_Pa[i]
+            own.felt_Pa[i] = own.pressure_Pa[i]
+        if parts.chamber_memory.size > 0:
+            advance(parts.chamber_memory, parts.chamber_state, own.pressure_Pa, step_s, own.felt_Pa)
+        for i in range(CHAMBER_COUNT):
+            pressure = own.felt_Pa[i]
             effective_Pa = max(pressure - parts.dead_band_Pa, 0.0) + min(pressure, 0.0)
             for a in range(3):
                 own.load[a] += load[a, i] * effective_Pa * conditions[LOAD_FACTOR + i]

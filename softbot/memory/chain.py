@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
-from softbot.memory.hysteresis import Hysteresis, hysteresis_inverse, hysteresis_step
+from softbot.memory.hysteresis import MOST_PLAYS, Hysteresis, hysteresis_inverse, hysteresis_step
 from softbot.memory.line import Line, line_step
-from softbot.memory.prony import PronySeries, creep_inverse, creep_step
+from softbot.memory.prony import MOST_TERMS, PronySeries, creep_inverse, creep_step
 from softbot.memory.residual import Residual, residual_inverse, residual_step
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +36,8 @@ _LISTS = 21  # thresholds, weights, creep shares, creep times
 # Places in the state of a chamber: what the line has let through, r of the residual, the creep's last pressure and its
 # z_k, the plays.
 _LINE_STATE, _RESIDUE, _CREEP_STATE = 0, 1, 2
+STATE_MOST = _CREEP_STATE + 1 + MOST_TERMS + MOST_PLAYS
+"""Numbers a chamber of the largest state; a state may be longer than its memory needs."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,9 @@ class Memory:
     ) -> None:
         self.parts = parts
         self.numbers: FloatArray = _packed(parts, volume_m3, atmosphere_Pa)
-        self._behind_lines = self.numbers.copy()
-        self._behind_lines[_LINE] = 0.0
+        self.behind_lines: FloatArray = self.numbers.copy()
+        """The same for pressures at the chambers themselves."""
+        self.behind_lines[_LINE] = 0.0
 
     def rest(self, pressure_Pa: ArrayLike = (0.0, 0.0, 0.0, 0.0)) -> FloatArray:
         """State of chambers that were new, loaded once to these pressures, shape (4,) [Pa], and held there for long."""
@@ -115,7 +118,7 @@ class Memory:
         `state` is left as it is. `inverse` undoes this.
         """
         felt = np.empty(CHAMBERS)
-        advance(self._behind_lines, state.copy(), _four(chamber_Pa), _duration(dt_s), felt)
+        advance(self.behind_lines, state.copy(), _four(chamber_Pa), _duration(dt_s), felt)
         return felt
 
     def inverse(self, state: FloatArray, felt_Pa: ArrayLike, dt_s: float) -> FloatArray:
@@ -126,7 +129,7 @@ class Memory:
         and `step` then says what it does. Raises InputError for what is not finite.
         """
         pressure = np.empty(CHAMBERS)
-        _undo(self.numbers, state, _four(felt_Pa), _duration(dt_s), pressure)
+        undo(self.numbers, state, _four(felt_Pa), _duration(dt_s), pressure)
         return pressure
 
 
@@ -243,7 +246,8 @@ def _run(
 
 
 @njit(cache=True)
-def _undo(numbers: FloatArray, state: FloatArray, felt_Pa: FloatArray, dt_s: float, pressure_Pa: FloatArray) -> None:
+def undo(numbers: FloatArray, state: FloatArray, felt_Pa: FloatArray, dt_s: float, pressure_Pa: FloatArray) -> None:
+    """The kernel behind `Memory.inverse`: pressures (4,), written, with which a step makes `felt_Pa` (4,) felt."""
     plays, terms = int(numbers[_PLAYS]), int(numbers[_CREEP])
     ends = _LISTS + 2 * plays
     threshold, weight = numbers[_LISTS : _LISTS + plays], numbers[_LISTS + plays : ends]

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.compensation import Compensator
+from controllers.compensation import Compensator, compensate
+from controllers.estimation import Estimator
+from controllers.robot_model import pressures_for, robot_model
 from softbot.actuator import ActuatorLaw
 from softbot.cross_section import CHAMBER_ANGLES_RAD, default_cross_section
 from softbot.errors import InputError
@@ -18,6 +20,8 @@ from softbot.memory.hysteresis import Hysteresis
 from softbot.memory.line import Line
 from softbot.memory.prony import PronySeries
 from softbot.memory.residual import Residual
+from softbot.robot import robot_from
+from softbot.sensing import Readings
 
 LAW = ActuatorLaw(default_cross_section(0.01), "neo-hookean", 3e4)
 LIMIT_Pa, STEP_S = 60e3, 0.02
@@ -144,3 +148,42 @@ def test_wrong_questions_are_refused() -> None:
         controller.pressures([1.0, 0.0], dt_s=0.1, limit_Pa=LIMIT_Pa, co_contraction_Pa=2 * LIMIT_Pa)
     with pytest.raises(InputError, match="4 finite numbers"):
         controller.observe([math.nan] * 4, 0.1)
+
+
+# --- in the sequencer's own compiled cycle ------------------------------------------------------------
+
+
+def test_sequencers_compensator_has_the_wanted_effect_through_every_memory() -> None:
+    """A slow turn of the curvature: the pressures that it commands against the law's own, on chambers that remember."""
+    table = {"length_m": 0.15, "radius_m": 0.01, "mass_kg": 0.05, "bending_stiffness_N_m2": 3.93e-3}
+    parts = {
+        "hysteresis": {"thresholds_Pa": [2e3, 8e3], "weights": [0.2, 0.2], "unloading_slope": 1.3},
+        "creep": {"shares": [0.1], "times_s": [1.0]},
+        "residual": {"share": 0.05, "growth_time_s": 5.0, "recovery_time_s": 30.0},
+    }
+    robot = robot_from({**table, "memory": parts}, "r.toml")
+    model, law, memory = robot_model(robot), robot.actuator_law(), robot.actuator_memory()
+    assert memory is not None
+    state, estimator = memory.rest(), Estimator(model)
+    wanted, setpoint = np.empty(4), np.empty(4)
+    with_it, without = [], []
+    plain = memory.rest()
+    for n, direction in enumerate(np.linspace(0.0, 12.0, 240)):
+        target = vector(direction, 0.8 * model.curvature_1_m)
+        pressures_for(model, direction, 0.8 * model.curvature_1_m, wanted)
+        setpoint[:] = wanted
+        compensate(model, estimator.memory[0], np.ones(4), setpoint)
+        assert np.all((setpoint >= 0.0) & (setpoint <= model.pressure_limit_Pa))
+        state, felt = memory.step(state, setpoint, 0.05)
+        plain, felt_plain = memory.step(plain, wanted, 0.05)
+        with_it.append(np.hypot(*(law.equilibrium(felt).curvature_1_m - target)))
+        without.append(np.hypot(*(law.equilibrium(felt_plain).curvature_1_m - target)))
+        told = Readings(0.05 * (n + 1), setpoint.copy(), 2e5, np.zeros(3), np.array([0.0, 9.81, 0.0]), np.zeros(4))
+        estimate = estimator.update(told)
+        np.testing.assert_allclose(estimate.curvature_1_m, law.equilibrium(felt).curvature_1_m, atol=2e-2)
+    assert np.mean(with_it[5:]) < np.mean(without[5:]) / 3.0
+
+
+def test_sequencer_of_a_robot_without_memory_has_none_to_follow() -> None:
+    table = {"length_m": 0.15, "radius_m": 0.01, "mass_kg": 0.05, "bending_stiffness_N_m2": 3.93e-3}
+    assert robot_model(robot_from(table, "r.toml")).memory.size == 0

@@ -129,3 +129,43 @@ def test_gas_balance_that_is_no_longer_a_number_is_a_simulation_error(robot: Rob
     plant, _ = plant_of(robot)
     with pytest.raises(SimulationError, match=r"gas balance .* at t = 0\.002 s"):
         plant.advance(np.array([np.nan, 0.0, 0.0, 0.0]), True, 1)
+
+
+MEMORY = {
+    "line": {"filling_conductance_m3_s_Pa": 2e-10, "venting_conductance_m3_s_Pa": 1e-10, "growth_1_Pa": 3e-6},
+    "hysteresis": {"thresholds_Pa": [2e3, 8e3], "weights": [0.1, 0.1], "unloading_slope": 1.3},
+    "creep": {"shares": [0.1], "times_s": [1.0]},
+    "residual": {"share": 0.05, "growth_time_s": 5.0, "recovery_time_s": 30.0},
+}
+
+
+def test_section_rests_where_the_pressures_put_it_that_the_memory_lets_through(robot_table: dict[str, Any]) -> None:
+    robot = robot_from({**robot_table, "memory": MEMORY}, "r.toml")
+    plant, twin = plant_of(robot)
+    law, memory = robot.actuator_law(), robot.actuator_memory()
+    assert memory is not None
+    state = memory.rest()
+    for opening in (OPEN_0, VENT):
+        for _ in range(60):
+            plant.advance(opening, True, 1)
+            state, felt = memory.step(state, plant.pressure_Pa[:4], twin.step_s)
+            expected = law.equilibrium(felt)
+            np.testing.assert_allclose(twin.strain(), [expected.stretch, *expected.curvature_1_m], atol=1e-9)
+    assert felt[0] > plant.pressure_Pa[0] + 1e3  # a vented chamber's wall lags behind its sensor
+
+
+def test_robot_without_memory_feels_its_pressures_and_keeps_no_state(robot: Robot) -> None:
+    plant, twin = plant_of(robot)
+    assert plant.parts.chamber_memory.size == plant.parts.chamber_state.size == 0
+    plant.advance(OPEN_0, True, 30)
+    expected = robot.actuator_law().equilibrium(plant.pressure_Pa[:4])
+    np.testing.assert_allclose(twin.strain(), [expected.stretch, *expected.curvature_1_m], atol=1e-9)
+
+
+def test_two_plants_of_one_robot_do_not_share_what_their_chambers_remember(robot_table: dict[str, Any]) -> None:
+    robot = robot_from({**robot_table, "memory": MEMORY}, "r.toml")
+    used, _ = plant_of(robot)
+    used.advance(OPEN_0, True, 50)
+    fresh, _ = plant_of(robot)
+    assert np.all(fresh.parts.chamber_state == 0.0)
+    assert np.any(used.parts.chamber_state != 0.0)
