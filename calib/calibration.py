@@ -118,20 +118,20 @@ class Calibration:
         mass_kg = self.mass_kg or DENSITY_KG_M3 * section.wall_area_m2 * length_m
         actuator = {
             "law": law.material,
-            "modulus_Pa": _rounded(law.modulus_Pa),
-            "stiffening_Pa": _rounded(law.stiffening_Pa),
-            "chamber_area_m2": _rounded(section.chamber_area_m2),
-            "chamber_centroid_radius_m": _rounded(section.chamber_centroid_radius_m),
-            "gains": [_rounded(gain) for gain in law.gains],
-            "dead_band_Pa": _rounded(law.dead_band_Pa),
-            "max_pressure_Pa": _rounded_up(_PRESSURE_RESERVE * model.largest_pressure_Pa),
+            "modulus_Pa": rounded(law.modulus_Pa),
+            "stiffening_Pa": rounded(law.stiffening_Pa),
+            "chamber_area_m2": rounded(section.chamber_area_m2),
+            "chamber_centroid_radius_m": rounded(section.chamber_centroid_radius_m),
+            "gains": [rounded(gain) for gain in law.gains],
+            "dead_band_Pa": rounded(law.dead_band_Pa),
+            "max_pressure_Pa": rounded_up(_PRESSURE_RESERVE * model.largest_pressure_Pa),
         }
         return {
             "schema": ROBOT_SCHEMA,
             "name": name,
-            "length_m": _rounded(length_m),
-            "radius_m": _rounded(section.radius_m),
-            "mass_kg": _rounded(mass_kg),
+            "length_m": rounded(length_m),
+            "radius_m": rounded(section.radius_m),
+            "mass_kg": rounded(mass_kg),
             "damping_time_s": DAMPING_TIME_S,
             "actuator": actuator,
             "provenance": self._provenance(),
@@ -213,12 +213,12 @@ def _percent(value: float | None, full_scale: float) -> float | None:
     return None if value is None else 100.0 * value / full_scale
 
 
-def _rounded(value: float) -> float:
+def rounded(value: float) -> float:
     """Five significant digits: more than any table determines, and the same on every machine."""
     return float(f"{value:.5g}")
 
 
-def _rounded_up(value: float) -> float:
+def rounded_up(value: float) -> float:
     """Two significant digits, upwards."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / step - 1e-9) * step:.6g}")

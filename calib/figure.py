@@ -20,6 +20,7 @@ from softbot.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_CURVES = 6  # and rows at rest
 _POINTS = 60
@@ -29,8 +30,21 @@ _FORMATS = (".png", ".svg", ".pdf")
 
 def save_figure(calibration: Calibration, path: Path) -> None:
     """Write the picture as PNG, SVG or PDF, by the file's ending. Raises InputError where it cannot be written."""
+    write_figure(draw_table(calibration), path)
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a picture as PNG, SVG or PDF, by the file's ending. Raises InputError where it cannot be written."""
     if path.suffix.lower() not in _FORMATS:
         raise InputError(f"{path}: a picture ends in {', '.join(_FORMATS)}")
+    try:
+        figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}; choose another place") from None
+
+
+def draw_table(calibration: Calibration) -> Figure:
+    """Bend, and length where it was measured, over pressure: rows, law and 95 % confidence band."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -50,10 +64,7 @@ def save_figure(calibration: Calibration, path: Path) -> None:
     figure.suptitle(
         f"{Path(table.source).parent.name}/{Path(table.source).name}\n{subtitle} of full scale", fontsize=10
     )
-    try:
-        figure.savefig(path, dpi=150)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}; choose another place") from None
+    return figure
 
 
 def _combinations(table: BendTable) -> dict[tuple[int, ...], NDArray[np.int_]]:

@@ -68,7 +68,7 @@ def reduce_holds(folder: Path) -> list[dict[str, str]]:
     """The rows of the reduced table. Raises InputError when the folder is not the measured arm's."""
     rows = []
     driven_before: dict[str, str] = {}
-    for hold in _read(folder / "steady_holds.csv"):
+    for hold in read_rows_of(folder / "steady_holds.csv"):
         commanded = [float(hold[f"pd_{channel}"]) for channel in CHANNEL_OF_CHAMBER]
         loading = max(commanded) > DRIVEN_PSI
         setpoint = "-".join(f"{value:g}" for value in commanded)
@@ -119,7 +119,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _read(path: Path) -> list[dict[str, str]]:
+def read_rows_of(path: Path) -> list[dict[str, str]]:
+    """Rows of one of the source's CSV files. Raises InputError where it cannot be read."""
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             return list(csv.DictReader(stream))
@@ -132,8 +133,8 @@ def _rotation_vector_deg(trial: Path, from_s: float, to_s: float) -> NDArray[np.
 
     Against the first 20 samples of the trial, as the source's angle; only samples whose quaternions are flagged good.
     """
-    samples = _read(trial)
-    relative = np.array([_relative(sample) for sample in samples])
+    samples = read_rows_of(trial)
+    relative = np.array([relative_rotation(sample) for sample in samples])
     relative *= np.where(relative @ relative[0] < 0.0, -1.0, 1.0)[:, None]
     start = relative[:20].mean(axis=0)
     start /= np.linalg.norm(start)
@@ -146,7 +147,8 @@ def _rotation_vector_deg(trial: Path, from_s: float, to_s: float) -> NDArray[np.
     return np.degrees(np.median(turns[:, :3] / sine * 2.0 * np.arctan2(sine, turns[:, 3:]), axis=0))
 
 
-def _relative(sample: dict[str, str]) -> NDArray[np.float64]:
+def relative_rotation(sample: dict[str, str]) -> NDArray[np.float64]:
+    """Quaternion (x, y, z, w) of rb2 against rb1."""
     first, second = (np.array([float(sample[f"{body}_q{axis}"]) for axis in "xyzw"]) for body in ("rb1", "rb2"))
     return _multiply(_conjugate(first), second)
 

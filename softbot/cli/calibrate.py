@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json as json_format
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from calib.calibration import Calibration
+    from calib.series_calibration import SeriesCalibration, Transfer
 
 
 def calibrate(
@@ -25,15 +28,21 @@ def calibrate(
         typer.Option(help="What the header does not say: pressure=HEADER:kPa,bend=HEADER:deg (or column numbers)."),
     ] = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook that has several tables.")] = None,
-    law: Annotated[str, typer.Option(help="Wall material: auto, linear, neo-hookean or yeoh.")] = "auto",
+    law: Annotated[str, typer.Option(help="Wall material: auto, linear, neo-hookean, yeoh or gent.")] = "auto",
     name: Annotated[str | None, typer.Option(help="Name of the robot; else the table's.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of table, fit and band (PNG, SVG or PDF).")] = None,
+    transfer: Annotated[
+        bool, typer.Option(help="Of a recording: fit each trial alone and judge it on the others of its chambers.")
+    ] = False,
+    static: Annotated[bool, typer.Option(help="Read a recording as a table of holds, without memory.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Fit the actuator law to a measured table and write a robot file.
+    """Fit the actuator law to a measured table or recording and write a robot file.
 
     The table has named columns: pressure_kPa (one chamber) or pressure_0_kPa … pressure_3_kPa, bend_deg and, where
     there is more, bend_direction_deg, length_mm, branch (loading or unloading), trial, setpoint. Other units by suffix.
+    With t_s and rows that follow each other it is a recording (trial tells its runs apart, valid = 0 marks gaps): the
+    robot then gets a [memory] too.
     """
     import sys
 
@@ -50,28 +59,58 @@ def calibrate(
     messages = Console(stderr=True, quiet=json or not sys.stderr.isatty())
     with messages.status("fitting the actuator law …"):
         from calib.fit import Geometry, calibrate_table
-        from calib.table import read_table
+        from calib.plausibility import checked
+        from calib.recording import is_recording
+        from calib.table import read_rows
         from softbot.toml_file import write_toml
 
         geometry = Geometry(_scaled(length_mm), _scaled(radius_mm), _scaled(mass_g))
-        rows = read_table(table, columns=columns, length_m=geometry.length_m, sheet=sheet)
-        calibration = calibrate_table(rows, geometry, law)
+        rows = read_rows(table, columns=columns, length_m=geometry.length_m, sheet=sheet)
+        recorded = is_recording(rows) and not static
+        if transfer and not recorded:
+            raise InputError(f"{table}: --transfer judges recordings; this is a table of holds: leave the option out")
+        calibration: Calibration | SeriesCalibration
+        judged: list[Transfer] = []
+        if recorded:
+            from calib.series_calibration import calibrate_recording, transfers
+
+            if transfer:
+                judged = transfers(rows, geometry, law)
+            calibration = calibrate_recording(rows, geometry, law)
+        else:
+            calibration = calibrate_table(checked(rows), geometry, law)
         robot_name = name or _robot_name(table)
         calibration.robot(robot_name)  # refuses what is no robot before anything is written
     if out is not None:
         write_toml(out, calibration.robot_table(robot_name))
     if plot is not None:
-        from calib.figure import save_figure
-
-        save_figure(calibration, plot)
+        _save_plot(calibration, plot)
     if json:
         report = calibration.report() | {"robot": str(out) if out else None, "plot": str(plot) if plot else None}
+        if judged:
+            report["transfers"] = [asdict(one) for one in judged]
         print(json_format.dumps(report, allow_nan=False))
         return
-    _show(Console(), calibration)
+    console = Console()
+    _show(console, calibration)
+    if judged:
+        _show_transfers(console, judged)
     for label, path in (("robot", out), ("plot", plot)):
         if path is not None:
             typer.echo(f"{label}: {path}")
+
+
+def _save_plot(calibration: Calibration | SeriesCalibration, plot: Path) -> None:
+    from calib.calibration import Calibration
+
+    if isinstance(calibration, Calibration):
+        from calib.figure import save_figure
+
+        save_figure(calibration, plot)
+    else:
+        from calib.series_figure import save_series_figure
+
+        save_series_figure(calibration, plot)
 
 
 def _scaled(milli: float | None) -> float | None:
@@ -84,17 +123,31 @@ def _robot_name(table: Path) -> str:
     return table.resolve().parent.name if table.stem == "table" else table.stem
 
 
-def _show(console: Console, calibration: Calibration) -> None:
+def _show(console: Console, calibration: Calibration | SeriesCalibration) -> None:
     from rich.table import Table
 
     report = calibration.report()
-    parameters = Table(title=f"{report['law']} wall, {report['rows']} loading rows", title_justify="left")
+    recorded = report.get("kind") == "recording"
+    title = f"{report['law']} wall, " + (
+        f"memory: {', '.join(report['memory'])}" if recorded else f"{report['rows']} loading rows"
+    )
+    parameters = Table(title=title, title_justify="left")
     for heading in ("parameter", "value", "95 % interval", "unit"):
         parameters.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
     for key, one in calibration.parameters.items():
         interval = f"{one.low:.4g} … {one.high:.4g}" if one.identified else "not determined"
         parameters.add_row(key, f"{one.value:.4g}", interval, "" if one.unit == "1" else one.unit)
     console.print(parameters)
+    console.print(_trials(report) if recorded else _errors(report))
+    for text in report["assumptions"]:
+        console.print(f"assumed: {text}", style="dim", markup=False, highlight=False)
+    for text in report["warnings"]:
+        console.print(f"warning: {text}", style="yellow", markup=False, highlight=False)
+
+
+def _errors(report: dict[str, Any]) -> Table:
+    from rich.table import Table
+
     errors = Table(title="errors in % of full scale", title_justify="left")
     for heading in ("", "full scale", "fit (rms)", "leave one out", "between repeats"):
         errors.add_column(heading, justify="right" if heading else "left")
@@ -103,8 +156,40 @@ def _show(console: Console, calibration: Calibration) -> None:
             shares = [report[f"{error}_{kind}_percent"] for error in ("rms", "loo", "repeat")]
             full_scale = f"{report[f'full_scale_{kind}_{unit}']:.1f} {unit}"
             errors.add_row(kind, full_scale, *("–" if share is None else f"{share:.1f}" for share in shares))
-    console.print(errors)
-    for text in report["assumptions"]:
-        console.print(f"assumed: {text}", style="dim", markup=False, highlight=False)
-    for text in report["warnings"]:
-        console.print(f"warning: {text}", style="yellow", markup=False, highlight=False)
+    return errors
+
+
+def _trials(report: dict[str, Any]) -> Table:
+    from rich.table import Table
+
+    trials = Table(title="errors in % of each trial's full scale (rms)", title_justify="left")
+    for heading in ("trial", "chambers", "full scale", "fit, own scale", "scale", "left out", "… one gain refitted"):
+        trials.add_column(heading, justify="left" if heading in ("trial", "chambers") else "right")
+    for one in report["trials"]:
+        shares = [one["rms_bend_percent"], one.get("left_out_percent"), one.get("left_out_with_gain_percent")]
+        cells = ["–" if share is None else f"{share:.1f}" for share in shares]
+        chambers = ", ".join(map(str, one["driven"]))
+        full_scale = f"{one['full_scale_bend_deg']:.1f} deg"
+        trials.add_row(one["name"], chambers, full_scale, cells[0], f"{one['scale']:.2f}", *cells[1:])
+    return trials
+
+
+def _show_transfers(console: Console, judged: list[Transfer]) -> None:
+    from rich.table import Table
+
+    table = Table(title="fitted on one trial, judged on another: rms in % of full scale", title_justify="left")
+    for heading in (
+        "fitted on",
+        "rms",
+        "judged on",
+        "one gain refitted",
+        "gain",
+        "nothing refitted",
+        "steady states differ",
+    ):
+        table.add_column(heading, justify="left" if heading.endswith(" on") else "right")
+    for one in judged:
+        shares = (one.rms_with_gain, one.rms_raw, one.steady_difference)
+        gained, raw, apart = (f"{100.0 * share:.1f}" for share in shares)
+        table.add_row(one.fitted, f"{100.0 * one.rms_fitted:.1f}", one.judged, gained, f"{one.gain:.2f}", raw, apart)
+    console.print(table)
