@@ -102,7 +102,7 @@ class StepLaw(NamedTuple):
     damping: float
     """Under pressure per (rate)² × damping time × h, as far as the damped motions are not resolved."""
     ramp: float
-    """Per (h / time in which the bend grows)²."""
+    """Per (h / time in which the bend grows)², where h is at most what is taken meanwhile."""
     valves: float
     """Per h / time in which valves and chambers follow."""
     lead: float
@@ -114,11 +114,13 @@ STEP_LAW = StepLaw(
     drag=0.05,
     own=0.2,
     damping=0.5,
-    ramp=0.01,
+    ramp=0.05,
     valves=0.045,
     lead=0.2,
 )
 _UNRESOLVED = 100.0
+STEPS_A_RAMP = {"fast": 10, "standard": 20, "reference": 200}
+"""At least, while a bend grows: a straight tube that begins to bend slides this way or that."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,8 @@ class Demand:
     """Damping time."""
     ramp_s: float
     """In which the bend grows; 0: it does so by a lag only."""
+    growing_step_s: float
+    """Longest step meanwhile."""
     lag_s: float
     """With which a curvature that is led by the roll follows; 0: it turns by itself."""
     valves_s: float
@@ -201,6 +205,7 @@ class Demand:
             natural_rad_s=math.sqrt(720.0 * bending_N_m2 / line_kg_m) / length**2,
             damping_s=robot.damping_time_s,
             ramp_s=drive.ramp_s if drive.kind != "sequencer" else 0.0,
+            growing_step_s=growing_step_s(scene),
             lag_s=lag_s,
             valves_s=valves_s,
         )
@@ -212,6 +217,11 @@ _STEEPEST = 0.9  # of what friction holds: beyond, the robot slides off faster a
 _CREEP, _ON_A_CREST = 30.0, 12.0
 _LARGEST_LEAD = 2.5  # tangent of the lead
 _FILLING_S = 0.1  # time of a pressure loop on the shipped valves
+
+
+def growing_step_s(scene: Scene) -> float:
+    """Longest step while the bend grows [s]."""
+    return scene.drive.ramp_s / STEPS_A_RAMP[scene.solver.accuracy]
 
 
 def _own_rate_rad_s(scene: Scene) -> float:
@@ -329,8 +339,8 @@ def step_error(demand: Demand, step_s: float) -> float:
     if demand.rubs_on == "nothing":
         error /= max(demand.floating_ratio, _LEAST_RATIO)
     error += law.own * (demand.own_rate_rad_s * step_s) ** 2
-    if demand.ramp_s > 0.0:
-        error += law.ramp * (step_s / demand.ramp_s) ** 2
+    if demand.ramp_s > 0.0:  # meanwhile steps are divided
+        error += law.ramp * min(step_s, demand.growing_step_s) ** 2 / demand.ramp_s**2
     if demand.valves_s > 0.0:
         unresolved = (step_s * demand.natural_rad_s) ** 2
         unresolved += (step_s * demand.damping_s * demand.natural_rad_s**2) ** 2

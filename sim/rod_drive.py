@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.resolution import STEPS_A_RAMP
 from sim.rod_compile import inner
 from sim.scene import Drive
 
@@ -19,7 +20,19 @@ FloatArray = NDArray[np.float64]
 
 HOLD, TURN, LEAD = range(3)
 DRIVE_SIZE = 16
-_KIND, _CURVATURE, _PERIOD, _DIRECTION, _START, _RAMP, _LEAD, _LAG, _LOST, _SIDE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 12
+_KIND, _CURVATURE, _PERIOD, _DIRECTION, _START, _RAMP, _LEAD, _LAG, _LOST, _SIDE, _GROWING = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    6,
+    7,
+    8,
+    12,
+    13,
+)
 _STRAIGHT_1_M = 1e-6
 
 
@@ -29,12 +42,14 @@ def drive_array(
     *,
     curvature_1_m: float | None = None,
     muscle: bool = False,
+    growing_step_s: float | None = None,
 ) -> FloatArray:
     """A scene's given curvature as numbers, shape (16,).
 
     lost: share that each of the four chambers or muscles has lost, 0 … 1. curvature_1_m: stands in for the drive's
     own (of a contraction, which needs the robot to say what curvature it is). muscle: an active muscle bends towards
-    itself, an active chamber away from itself.
+    itself, an active chamber away from itself. growing_step_s: longest step [s] while the bend grows; default: as
+    `STEPS_A_RAMP` has it for the coarsest accuracy.
     """
     size = drive.curvature_1_m if curvature_1_m is None else curvature_1_m
     assert size is not None
@@ -45,6 +60,7 @@ def drive_array(
     numbers[_LEAD] = drive.lead_rad or 0.0
     numbers[_LOST : _LOST + 4] = lost
     numbers[_SIDE] = 1.0 if muscle else -1.0
+    numbers[_GROWING] = growing_step_s or drive.ramp_s / min(STEPS_A_RAMP.values())
     return numbers
 
 
@@ -59,6 +75,14 @@ def quiet_until_s(drive: FloatArray) -> float:
     if drive[_KIND] == HOLD:
         return math.inf
     return drive[_START] - drive[_RAMP]
+
+
+@inner
+def growing_step_s(drive: FloatArray, t_s: float) -> float:
+    """Longest step from t_s on that a growing bend is followed with [s]; without bound once it has its size."""
+    if drive[_KIND] == HOLD or t_s >= drive[_START]:
+        return math.inf
+    return max(drive[_START] - drive[_RAMP] - t_s, drive[_GROWING])
 
 
 @inner

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from sim.motion_rows import ROW_SIZE
 from sim.rod_compile import FAST_MATH, inlined, inner, source_stamp
 from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, ground_energy, keep_contacts
-from sim.rod_drive import quiet_until_s, rest_curvature
+from sim.rod_drive import growing_step_s, quiet_until_s, rest_curvature
 from sim.rod_ground import profile_gap
 from sim.rod_memory import Contacts, Layout, Physics, State, Work, carve
 from sim.rod_rule import Rule
@@ -1156,8 +1156,9 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                     h = macro - done
                     if flag[AUDITED] > 1.0:  # this step makes energy
                         h = min(h, 0.5 * macro)
-                    if flag[ADVICE] < h:
-                        h /= np.ceil(h / flag[ADVICE] - 1e-9)
+                    longest = min(flag[ADVICE], growing_step_s(drive, flag[TIME] + done))
+                    if longest < h:
+                        h /= np.ceil(h / longest - 1e-9)
                     solves = flag[SOLVES]
                     lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
                     if drive[0] > 0.0:

@@ -23,6 +23,7 @@ from sim import motion_rows
 from sim.body import Body, Twin
 from sim.drive import active_side_rad, amplitude, bend_1_m, lost_shares, pressures_Pa
 from sim.recorder import Record, Recorder, samples_of
+from sim.resolution import growing_step_s
 from sim.rod_drive import drive_array, rest_curvature
 from sim.scene import CONTROL_PERIOD_S, Scene, sample_period_s, steps_per_period
 from sim.trajectory import motion_row
@@ -179,7 +180,13 @@ class _Given:
     def _numbers(self) -> FloatArray:
         robot, lost = self._scene.robot, lost_shares(self._conditions.active)
         muscle = robot.actuation == "muscle"
-        return drive_array(self._scene.drive, lost.tolist(), curvature_1_m=self._size_1_m, muscle=muscle)
+        return drive_array(
+            self._scene.drive,
+            lost.tolist(),
+            curvature_1_m=self._size_1_m,
+            muscle=muscle,
+            growing_step_s=growing_step_s(self._scene),
+        )
 
     def strike(self, step: int) -> int | None:
         """Let the faults due in this step strike; steps from here to the next one, None if there is none."""

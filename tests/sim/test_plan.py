@@ -202,7 +202,7 @@ def test_without_ground_the_robot_turns_as_its_angular_momentum_asks(table: dict
 def test_a_sleeping_robot_wakes_where_a_waking_one_would_lie(table: dict[str, Any]) -> None:
     table["drive"].update(start_s=3.0, ramp_s=0.5)
     table["metrics"] = {}
-    later = scene(table, solver__duration_s=9.0)
+    later = scene(table, solver__duration_s=9.0, solver__step_s=0.0025)
     numbers = drive_array(later.drive)
     asleep, awake = make_twin(later), make_twin(later)
     assert isinstance(asleep, RodTwin)

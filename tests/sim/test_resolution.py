@@ -201,6 +201,7 @@ def demand(**changes: Any) -> Demand:
         "natural_rad_s": 127.0,
         "damping_s": 0.02,
         "ramp_s": 0.5,
+        "growing_step_s": 0.05,
         "lag_s": 0.0,
         "valves_s": 0.0,
     }
