@@ -140,10 +140,14 @@ class ActuatorLaw:
         return modulus_Pa * self.section.bending_area_moment_m4
 
     def forces(self, stretch: float, curvature_1_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Wall forces F(e), shape (3,) [N, N m, N m], and tangent stiffness K, shape (3, 3)."""
+        """Wall forces F(e), shape (3,) [N, N m, N m], and tangent stiffness K, shape (3, 3).
+
+        Raises SimulationError for strains that crush the wall or draw it beyond its law.
+        """
         strain = np.array([stretch, *np.asarray(curvature_1_m, dtype=float)])
         force, stiffness = np.empty(3), np.empty((3, 3))
-        _wall(self._points, *self._material(), strain, force, stiffness)
+        if not _wall(self._points, *self._material(), strain, force, stiffness):
+            raise SimulationError(f"strains {strain.tolist()}: they crush the wall, or draw it beyond its law")
         return force, stiffness
 
     def equilibrium(self, pressure_Pa: ArrayLike) -> Equilibrium:
@@ -541,10 +545,13 @@ def _holds(
     strain: FloatArray,
     extra: FloatArray,
 ) -> int:
-    """Whether the chambers can hold a strain (3,), and with what: `_longest_pressures` of the wall's forces there."""
+    """Whether the chambers can hold a strain (3,), and with what: `_longest_pressures` of the wall's forces there.
+
+    3 where the wall has none: its inner side is crushed, or it is drawn beyond its law.
+    """
     force, stiffness = np.empty(3), np.empty((3, 3))
     if not _wall(points, code, wall, strain, force, stiffness):
-        return -1  # a longer tube can be bent further before its inner side is crushed
+        return 3
     for i in range(load.shape[1]):
         for k in range(3):
             force[k] -= load[k, i] * least_Pa[i]
