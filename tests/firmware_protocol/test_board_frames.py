@@ -185,6 +185,8 @@ def test_error_counters_tell_bus_protection_and_refusals(new_bench: NewBench) ->
     frame = bench.peer.send("SequencerHeartbeat", {"State": 0, "Health": 0, "UptimeS": 0})
     bench.put(frame)
     bench.put(frame)  # repeated
+    bench.put(frame)  # and again, so that no two kinds come to the same count
+    bench.put(frame)
     bench.put(Frame(0x120, bytes(6)))  # CRC
     bench.peer.counters["SequencerHeartbeat"] = 9
     bench.heartbeat()  # jumped
@@ -199,7 +201,7 @@ def test_error_counters_tell_bus_protection_and_refusals(new_bench: NewBench) ->
         "BusState": BusState.ERROR_PASSIVE,
         "TransmitErrors": 255,
         "ReceiveErrors": 7,
-        "ProtectionErrors": 3,
+        "ProtectionErrors": 5,
         "RefusedFrames": 3,
     }
 
