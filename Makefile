@@ -34,6 +34,10 @@ test-vcan: $(READY) ## hardware in the loop on a real vcan, in a kernel of its o
 	$(BIN)/python tests/hil/compile_beforehand.py
 	.ci/vcan.sh $(BIN)/python -m pytest tests/hil -m vcan -p no:cacheprovider --durations=5
 
+soak: $(READY) ## both ends on vcan for an hour of wall-clock time (SOFTBOT_SOAK_S): memory, files, commands
+	$(BIN)/python tests/hil/compile_beforehand.py
+	.ci/vcan.sh -t 14400 $(BIN)/python -m pytest tests/hil -m soak -p no:cacheprovider -s
+
 stress: $(READY) ## long campaigns
 	$(BIN)/python -m pytest -n 2 -m stress
 

@@ -1,9 +1,17 @@
-"""What the shell is told: 0 done, 2 bad input, 3 the simulation failed, 130 interrupted; one message, no traceback."""
+"""What the shell is told: 0 done, 2 bad input, 3 the simulation failed; one message, no traceback.
+
+130 says interrupted (Ctrl-C) and 143 terminated (SIGTERM); both bring what the command was doing to an end, and what it
+recorded is kept.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import ParamSpec
 
 import typer
@@ -14,6 +22,11 @@ from softbot.errors import InputError, SoftbotError
 Options = ParamSpec("Options")
 
 INTERRUPTED = 130
+TERMINATED = 143
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came."""
 
 
 def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None]:
@@ -22,7 +35,10 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
     @functools.wraps(command)
     def guarded(*args: Options.args, **options: Options.kwargs) -> None:
         try:
-            command(*args, **options)
+            with _terminable():
+                command(*args, **options)
+        except Terminated:
+            _end("terminated", TERMINATED)
         except KeyboardInterrupt:
             _end("interrupted", INTERRUPTED)
         except SoftbotError as error:
@@ -34,6 +50,24 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
             _end(f"{where}{error.strerror or error}", InputError.exit_status)
 
     return guarded
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM raises Terminated here, once; the next one ends the process."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        raise Terminated
+
+    if threading.current_thread() is not threading.main_thread():  # only there can signals be handled
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _end(message: str, status: int) -> None:

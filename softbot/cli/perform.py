@@ -27,8 +27,10 @@ def perform(
 
     known: the robot that controller and board believe in, where it is another than the scene's.
     """
+    from softbot.cli.run_folder import held
+
     import_twin(scene)
-    with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
+    with held(folder), nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
         from softbot.cli.compiling import told_of_compiling
 
         twin = "rod" if scene.solver.twin == "rod" else "segment"
@@ -36,7 +38,11 @@ def perform(
             prepare(scene)
         from softbot.nodes.run import paced, run_scene
 
-        with kept(folder), progress_bar(f"{scene.name}, {scene.solver.twin} twin", scene.solver.duration_s) as show:
+        with (
+            kept(folder),
+            reported_when_interrupted(folder),
+            progress_bar(f"{scene.name}, {scene.solver.twin} twin", scene.solver.duration_s) as show,
+        ):
             run_scene(scene, folder, progress=paced(show) if wall_clock else show, gui=gui, known=known)
         with messages().status("writing the report"):
             from softbot.report import write_report
@@ -83,6 +89,21 @@ def kept(folder: Path) -> Iterator[None]:
     except BaseException:
         if (folder / "summary.json").exists():
             typer.echo(f"softbot: what was recorded is kept in {folder}", err=True)
+        raise
+
+
+@contextlib.contextmanager
+def reported_when_interrupted(folder: Path) -> Iterator[None]:
+    """A run that is stopped on the way has a report of what there is, where it came far enough for one."""
+    from softbot.errors import SoftbotError
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        with contextlib.suppress(SoftbotError, OSError):
+            from softbot.report import write_report
+
+            write_report(folder)
         raise
 
 

@@ -38,13 +38,13 @@ def plant(
 
     from sim.scene import load_scene
     from softbot.cli.perform import import_twin, kept, print_outcome
-    from softbot.cli.run_folder import open_run_folder
+    from softbot.cli.run_folder import held, open_run_folder
     from softbot.cli.streams import nothing_printed, progress_bar, say
 
     checked = load_scene(scene, tuple(assignments or ()))
     folder = open_run_folder(f"{checked.name}-plant", out)
     import_twin(checked)
-    with nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
+    with held(folder), nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
         from softbot.nodes.wall_clock import asked_by_signal, run_plant, stopped_by_signals
         from softbot.report import write_report
 

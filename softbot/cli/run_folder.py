@@ -6,6 +6,10 @@ user's choice: an earlier run in it is replaced, but a folder that holds anythin
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from softbot.errors import InputError
@@ -28,6 +32,26 @@ def open_run_folder(name: str, out: Path | None) -> Path:
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}; choose another --out") from None
     return folder
+
+
+@contextlib.contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """The folder is this process's alone while the inside runs. Raises InputError when another run is writing there.
+
+    A file system without locks holds nobody back.
+    """
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(number)
+        raise InputError(f"{folder}: another run is writing there; wait for its end, or choose another --out") from None
+    except OSError:
+        pass
+    try:
+        yield
+    finally:
+        os.close(number)  # and with it the lock, as it is when the process is killed
 
 
 def is_run_folder(folder: Path) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from softbot.cli.run_folder import is_run_folder, open_run_folder
+from softbot.cli.run_folder import held, is_run_folder, open_run_folder
 from softbot.errors import InputError
 
 
@@ -66,3 +68,17 @@ def test_a_killed_run_is_a_run(tmp_path: Path) -> None:
         assert not is_run_folder(tmp_path)
         (tmp_path / name).write_text("")
     assert is_run_folder(tmp_path)
+
+
+def test_a_folder_that_another_run_writes_is_refused_until_that_one_ends(tmp_path: Path) -> None:
+    with held(tmp_path):
+        with pytest.raises(InputError, match="another run is writing there"), held(tmp_path):
+            raise AssertionError("it was let in")
+        code = (
+            "import sys; from pathlib import Path; from softbot.cli.run_folder import held\n"
+            "with held(Path(sys.argv[1])): pass"
+        )
+        other = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=False)
+        assert "another run is writing there" in other.stderr
+    with held(tmp_path):
+        pass

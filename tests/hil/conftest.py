@@ -45,7 +45,7 @@ TRANSPORTS = ["virtual", "hub", "socketcan"]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.is_relative_to(Path(__file__).parent):
+        if item.path.is_relative_to(Path(__file__).parent) and item.get_closest_marker("soak") is None:
             item.add_marker(pytest.mark.vcan)
 
 
