@@ -115,8 +115,8 @@ def _trial(name: str, table: BendTable, notes: list[str]) -> Trial | None:
         table, t = table.rows(rising), t[rising]
     largest_Pa = float(np.max(table.pressure_Pa))
     measured = table.valid & np.isfinite(table.bend_rad)
-    if np.sum(measured) < 10 or largest_Pa < 500.0:
-        notes.append(f"trial {name} left out: fewer than ten rows with a bend, or no pressure")
+    if np.sum(measured) < 10 or np.max(np.ptp(table.pressure_Pa, axis=0)) < max(500.0, 0.05 * largest_Pa):
+        notes.append(f"trial {name} left out: fewer than ten rows with a bend, or a pressure that never moves")
         return None
     driven = tuple(
         i

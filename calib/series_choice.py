@@ -17,23 +17,20 @@ import numpy as np
 from calib.bend_table import FloatArray
 from calib.recording import Trial
 from calib.series_fit import SeriesFit, fit_series, relative_error, starts_of
-from calib.series_model import SeriesModel
+from calib.series_model import MEMORY_COORDINATES, SeriesModel
 from softbot.errors import InputError, SimulationError
 
 LADDER: tuple[tuple[str, ...], ...] = (
-    ("line",),
-    ("line", "hysteresis"),
     ("line", "hysteresis", "creep"),
     ("line", "growth", "hysteresis", "creep"),
     ("line", "growth", "hysteresis", "creep", "residual"),
 )
-USUAL = 3
+USUAL = 1
 """Place in LADDER of what a robot of silicone and lines has."""
 MOST_FOLDS = 4
 WORTH = 1.05
-_REFIT = 4  # evaluations of a fit that starts from the joint one
-_STARTS = 2
-_SHORT, _LONG = 12, 25  # evaluations of a fit that begins, and of one that is to end
+_REFIT = 3  # evaluations of a fit that starts from the joint one
+_FIRST, _NEXT = 25, 12  # evaluations of the first candidate's fits, and of the others', which start from it
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def choose_series(
 
     alone = len(trials) < 2
     found: list[tuple[SeriesFit, tuple[LeftOut, ...], Tried]] = []
-    ladder = [LADDER[USUAL]] if alone or quick else [LADDER[USUAL], *LADDER[1:USUAL], *LADDER[USUAL + 1 :]]
+    ladder = [LADDER[USUAL]] if alone or quick else [LADDER[USUAL], *LADDER[:USUAL], *LADDER[USUAL + 1 :]]
     for parts in ladder:
         _try(model(materials[0], parts), trials, found)
     if not found:
@@ -95,8 +92,7 @@ def choose_series(
     best = _best(found)
     for material in materials[1:]:
         _try(model(material, best[2].parts), trials, found)
-    best = _best(found)
-    fit, left_out, chosen = best
+    fit, left_out, chosen = _best(found)
     others = sorted((one for *_, one in found if one is not chosen), key=lambda one: (one.score, one.coordinates))
     return Choice(fit, (chosen, *others), left_out)
 
@@ -130,14 +126,14 @@ def _groups(trials: Sequence[Trial]) -> tuple[tuple[int, ...], ...]:
 def _try(
     model: SeriesModel, trials: Sequence[Trial], found: list[tuple[SeriesFit, tuple[LeftOut, ...], Tried]]
 ) -> None:
-    starts = starts_of(model, trials)[:_STARTS]
-    if found and found[0][0].model.material == model.material:  # what another candidate has found already
+    starts = starts_of(model, trials)
+    if found:  # what another candidate has found already
         before = dict(zip(found[0][0].model.coordinates, found[0][0].theta, strict=True))
+        if found[0][0].model.material != model.material:
+            before = {name: value for name, value in before.items() if name in MEMORY_COORDINATES}
         starts = [np.array([before.get(name, one) for name, one in zip(model.coordinates, starts[0], strict=True)])]
     try:
-        fit = fit_series(model, trials, starts, _SHORT)
-        if len(starts) > 1:  # the best of several short fits is followed to its end
-            fit = fit_series(model, trials, [fit.theta], _LONG)
+        fit = fit_series(model, trials, starts, _NEXT if found else _FIRST)
         left_out = _left_out(fit, trials)
     except SimulationError:
         return

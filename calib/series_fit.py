@@ -34,8 +34,16 @@ _PULL = 1e-3
 _MOST_EVALUATIONS = 30
 STARTS: tuple[dict[str, float], ...] = (
     {},
-    {"filling_time": 0.15, "venting_time": 0.3, "hysteresis_share": 0.6, "creep_share": 0.35, "limit": 0.8},
-    {"filling_time": 1.0, "venting_time": 1.5, "growth": 0.2, "hysteresis_share": 0.15, "limit": 0.25},
+    {  # a slow line and a quick creep instead
+        "filling_time": 1.5,
+        "venting_time": 1.5,
+        "growth": 0.1,
+        "hysteresis_share": 0.2,
+        "hysteresis_width": 0.4,
+        "creep_share": 0.5,
+        "creep_time": 0.5,
+        "dead_band": 0.02,
+    },
 )
 
 

@@ -67,6 +67,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "creep": ("creep_share", "creep_time"),
     "residual": ("residual_share", "residual_time"),
 }
+MEMORY_COORDINATES = frozenset(name for names in PARTS.values() for name in names)
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ class SeriesModel:
 
     def memory(self, theta: FloatArray) -> Memory:
         """The same, ready to run."""
-        return Memory(self.memory_parts(theta), np.full(CHAMBERS, self._volume_m3))
+        return Memory(self.memory_parts(theta), self._volume_m3 * np.array(self.gains(theta)))
 
     @property
     def _volume_m3(self) -> float:
@@ -229,7 +230,7 @@ class SeriesModel:
             else:
                 strain, _ = other.equilibria(felt, self._strains[id(trial)])
                 columns[:, n] = (self.length_m * strain[:, 1:] @ trial.direction - path) / _DIFFERENCE
-            if wanted is not None:
+            if wanted is not None or name == "gain":
                 ahead = self.felt_Pa(moved, trial, other)
                 columns[:, n] += np.sum(by_felt * (ahead - felt), axis=1) / _DIFFERENCE
         slopes = np.column_stack([self._followed(trial, column) for column in columns.T])
