@@ -157,7 +157,7 @@ def test_a_bus_that_breaks_is_a_failed_run_that_keeps_its_recording(
     make_scene: MakeScene, gains: PressureLoopGains, tmp_path: Path
 ) -> None:
     openings = []
-    with pytest.raises(SimulationError, match=r"the bus failed at t = 0\.[2-5]\d s.*network is down"):
+    with pytest.raises(SimulationError, match=r"the bus failed at t = 0\.[0-5]\d s.*network is down"):
         run_plant(
             make_scene(),
             "virtual",
@@ -167,34 +167,31 @@ def test_a_bus_that_breaks_is_a_failed_run_that_keeps_its_recording(
             watch=lambda node: openings.append(node.valves),
         )
     assert read_telemetry(tmp_path).num_rows == 60  # the robot vents to the end of the scene
-    assert all((opening == -1.0).all() and not supply for opening, supply in openings[20:])
+    assert all((opening == -1.0).all() and not supply for opening, supply in openings[21:])
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"].startswith("failed: the bus failed")
 
 
 def test_a_bus_that_comes_back_finds_the_board_latched(
     make_scene: MakeScene, gains: PressureLoopGains, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sent, send = 0, wall_clock.send
+    send = wall_clock.send
 
-    def broken_for_a_while(*arguments: Any) -> None:
-        nonlocal sent
-        sent += 1
-        if 10 < sent <= 20:
+    def broken_for_a_while(bus: Any, frames: Any, t_s: float) -> None:
+        if 0.2 <= t_s < 0.5:
             raise BusError("cannot send on vcan0: network is down")
-        send(*arguments)
+        send(bus, frames, t_s)
 
     reasons = []
     monkeypatch.setattr(wall_clock, "send", broken_for_a_while)
     run = run_plant(
-        make_scene(),
+        make_scene("solver.duration_s=1.5"),
         "virtual",
         "wall-clock-back",
         gains=gains,
         watch=lambda node: reasons.append(node.rules.state.reason),
     )
     assert run.result.summary["outcome"] == "done"
-    assert set(reasons[:10]) == {SafeReason.POWER_UP}
-    assert set(reasons[10:]) == {SafeReason.BUS_OFF}
+    assert list(dict.fromkeys(reasons)) == [SafeReason.POWER_UP, SafeReason.BUS_OFF]
 
 
 def test_a_plant_with_a_faulty_end_of_the_bus_latches_for_it(make_scene: MakeScene, gains: PressureLoopGains) -> None:
