@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from sim.plan import make_plan
+from sim.resolution import STEPS_S
 from sim.scene import Scene, scene_from
 
 Tables = dict[str, Any]
 
 _LEAST_REVOLUTIONS, _LEAST_BEND_RAD, _LEAST_TURN_RAD = 0.05, 0.1, 0.1
 """Smaller results than these are measured against these."""
+_FINE_STEP_S = 0.00125
 
 ROBOT: Tables = {
     "length_m": 0.15,
@@ -93,13 +95,13 @@ def case_scene(name: str, **solver: Any) -> Scene:
 
 
 def much_finer(scene: Scene) -> Scene:
-    """The scene at twice the points, an eighth of the step and four modes more than `reference` would take."""
+    """The scene at twice the points, an eighth of the step or less and four modes more than `reference` would take."""
     plan = make_plan(scene.model_copy(update={"solver": scene.solver.model_copy(update={"accuracy": "reference"})}))
     assert plan.resolution is not None
     finer = {
         "modes": min(plan.resolution.modes + 4, 11),
         "contact_points": min(2 * plan.resolution.contact_points, 64),
-        "step_s": plan.step_s / 8.0,
+        "step_s": next((s for s in STEPS_S if s <= min(plan.step_s / 8.0, _FINE_STEP_S) * (1.0 + 1e-9)), STEPS_S[-1]),
         "accuracy": "reference",
     }
     return scene.model_copy(update={"solver": scene.solver.model_copy(update=finer)})

@@ -97,10 +97,16 @@ class StepLaw(NamedTuple):
     """Per (rate of the drive × h)², by what the tube rubs on; over the floating ratio where it rubs on nothing."""
     drag: float
     """More of that per rate × time in which viscous drag takes hold."""
+    slope: float
+    """More of that where a slope pulls with a tenth of what friction holds, or more."""
     own: float
     """Per (rate at which the robot rolls by itself × h)²."""
-    damping: float
-    """Under pressure per (rate)² × damping time × h, as far as the damped motions are not resolved."""
+    lift: float
+    """Per (number of the weight times friction)², where steps are long enough for a sagging tube's ends to lift and
+    press in turns."""
+    damping: dict[str, float]
+    """Per (rate)² × damping time × h, as far as the damped motions are not resolved, afloat and under pressure: a roll
+    under a given bend is steady."""
     ramp: float
     """Per (h / time in which the bend grows)², where h is at most what is taken meanwhile."""
     valves: float
@@ -112,13 +118,15 @@ class StepLaw(NamedTuple):
 STEP_LAW = StepLaw(
     turn={"nothing": 0.03, "coulomb": 0.01, "viscous": 0.01},
     drag=0.05,
+    slope=0.15,
     own=0.2,
-    damping=0.5,
+    lift=5e-5,
+    damping={"afloat": 0.2, "pressure": 0.5},
     ramp=0.05,
     valves=0.045,
     lead=0.2,
 )
-_UNRESOLVED = 100.0
+_UNRESOLVED, _STEEP, _LONG_S = 100.0, 0.1, 0.05
 STEPS_A_RAMP = {"fast": 10, "standard": 20, "reference": 200}
 """At least, while a bend grows: a straight tube that begins to bend slides this way or that."""
 
@@ -335,17 +343,24 @@ def points_error(demand: Demand, points: int) -> float:
 def step_error(demand: Demand, step_s: float) -> float:
     """Relative error of a step [s]."""
     law, turn = STEP_LAW, demand.turn_rate_rad_s * step_s
-    error = (law.turn[demand.rubs_on] + law.drag * demand.turn_rate_rad_s * demand.hold_s) * turn * turn
+    steep = min(1.0, sum(demand.downhill) / _STEEP)
+    each = law.turn[demand.rubs_on] + law.drag * demand.turn_rate_rad_s * demand.hold_s + law.slope * steep
+    error = each * turn * turn
     if demand.rubs_on == "nothing":
         error /= max(demand.floating_ratio, _LEAST_RATIO)
     error += law.own * (demand.own_rate_rad_s * step_s) ** 2
     if demand.ramp_s > 0.0:  # meanwhile steps are divided
         error += law.ramp * min(step_s, demand.growing_step_s) ** 2 / demand.ramp_s**2
-    if demand.valves_s > 0.0:
+    if demand.rubs_on == "coulomb":
+        load, long = demand.weight * demand.friction / _FRICTION, (step_s / _LONG_S) ** 2
+        error += law.lift * load * load * long / (1.0 + long)
+    driven = "pressure" if demand.valves_s > 0.0 else "afloat" if demand.rubs_on == "nothing" else ""
+    if driven:
         unresolved = (step_s * demand.natural_rad_s) ** 2
         unresolved += (step_s * demand.damping_s * demand.natural_rad_s**2) ** 2
         unresolved /= unresolved + _UNRESOLVED
-        error += law.damping * demand.turn_rate_rad_s * demand.damping_s * turn * unresolved
+        error += law.damping[driven] * demand.turn_rate_rad_s * demand.damping_s * turn * unresolved
+    if demand.valves_s > 0.0:
         error += law.valves * step_s / demand.valves_s
     if demand.lag_s > 0.0:
         error += law.lead * (step_s / demand.lag_s) ** 2

@@ -80,7 +80,8 @@ def test_a_much_finer_run_is_finer_in_everything() -> None:
     scene = case_scene("slow roll", accuracy="reference")
     finer, chosen = much_finer(scene).solver, make_plan(scene).resolution
     assert chosen is not None
-    assert finer.step_s == pytest.approx(chosen.step_s / 8.0)
+    assert finer.step_s is not None
+    assert finer.step_s <= chosen.step_s / 8.0
     assert finer.modes == chosen.modes + 4
     assert finer.contact_points == 2 * chosen.contact_points
 
