@@ -34,7 +34,7 @@ def perform(
         from softbot.cli.compiling import told_of_compiling
 
         twin = "rod" if scene.solver.twin == "rod" else "segment"
-        with told_of_compiling("preparing", f"compiling the {twin} twin, once on this machine: about 20 s"):
+        with told_of_compiling("preparing", f"compiling the {twin} twin, once on this machine: up to a minute"):
             prepare(scene)
         from softbot.nodes.run import paced, run_scene
 
