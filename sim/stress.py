@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -320,7 +321,7 @@ def judge(trial: Trial, time_limit_s: float = TIME_LIMIT_S) -> Verdict:
         twin.close()
 
 
-class _Run:
+class _Run(ABC):
     """A trial on its way."""
 
     energy_share, momentum_share = ENERGY_SHARE, MOMENTUM_SHARE
@@ -328,17 +329,17 @@ class _Run:
     def __init__(self, scene: Scene, twin: Any, trial: Trial) -> None:
         self.scene, self.twin, self.trial = scene, twin, trial
 
+    @abstractmethod
     def play(self, done: int, steps: int) -> FloatArray:
         """A row of motion after so many steps more."""
-        raise NotImplementedError
 
+    @abstractmethod
     def row(self) -> FloatArray:
         """A row of motion now."""
-        raise NotImplementedError
 
+    @abstractmethod
     def velocity_m_s(self) -> FloatArray:
         """Of the centre of mass now, shape (3,)."""
-        raise NotImplementedError
 
     def measures(self) -> dict[str, float]:
         """What else is worth knowing."""
