@@ -30,8 +30,8 @@ from sim.motion_rows import (
 )
 from sim.rod_drive import hold
 from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
-from sim.rod_kernel import ADVICE, ASLEEP, CREATED, KINKED, RESTED, TIME, WORK, play
-from sim.rod_memory import Layout, Physics, carve, rod_memory
+from sim.rod_kernel import play
+from sim.rod_memory import ADVICE, ASLEEP, CREATED, KINKED, RESTED, TIME, WORK, Layout, Physics, carve, rod_memory
 from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
 from softbot.errors import InputError, SimulationError
 

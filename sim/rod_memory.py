@@ -22,6 +22,10 @@ _LANE = 8  # every array starts on a multiple of this
 DRIVE_SIZE = 16
 
 
+ALOFT, RESTED, TIME, WORK, ADVICE, KINKED, STEPS, ASLEEP, SOLVES, AUDITED, CEILING, LARGEST, CREATED = range(13)
+"""Places of `State.flag`."""
+
+
 class Layout(NamedTuple):
     """Sizes of a rod: what its arrays are shaped by."""
 
