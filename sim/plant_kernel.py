@@ -16,12 +16,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim import rod_memory
+from sim import rod_energy, rod_memory, rod_rest
 from sim.motion_rows import ROW_SIZE
 from sim.rod import RodTwin
 from sim.rod_drive import hold
 from sim.rod_kernel import play
-from sim.rod_memory import Layout, Physics, State, carve
+from sim.rod_memory import Layout, Physics, carve
+from sim.rod_rest import set_rest
 from softbot import actuator, material, plant_conditions, pneumatics
 from softbot.actuator import ActuatorLaw, _solve
 from softbot.cross_section import CHAMBER_ANGLES_RAD
@@ -138,54 +139,20 @@ HOLD = hold()
 NO_ROWS: FloatArray = np.empty((0, ROW_SIZE))
 
 
-@njit(cache=True)
-def _elastic_energy(state: State) -> float:
-    total = 0.0
-    for a in range(state.strain.shape[0]):
-        off = state.strain[a] - state.rest_strain[a]
-        for b in range(state.strain.shape[0]):
-            total += 0.5 * off * state.stiffness[a, b] * (state.strain[b] - state.rest_strain[b])
-    return total
-
-
-@njit(cache=True)
-def set_rod_rest(
-    state: State, layout: Layout, rod: RodParts, parts: PlantParts, rest: FloatArray, stiffness: FloatArray
-) -> None:
-    """`sim.rod.RodTwin.set_rest` in compiled code: rest strains (ℓ, k1, k2) and section stiffness (3, 3)."""
-    length = parts.length_m
-    before_J = _elastic_energy(state)
-    axial = stiffness[0, 0]
-    k11 = stiffness[1, 1] - stiffness[1, 0] * stiffness[0, 1] / axial
-    k12 = stiffness[1, 2] - stiffness[1, 0] * stiffness[0, 2] / axial
-    k22 = stiffness[2, 2] - stiffness[2, 0] * stiffness[0, 2] / axial
-    matrix, wanted = state.stiffness, state.rest_strain
-    changed = wanted[0] != -rest[2] or wanted[1] != rest[1]
-    changed = changed or (rod.stretches and wanted[-1] != rest[0])
-    for m in range(layout.modes):
-        share = length * rod.shares[m]
-        matrix[3 * m, 3 * m] = share * k22
-        matrix[3 * m + 1, 3 * m + 1] = share * k11
-        matrix[3 * m, 3 * m + 1] = matrix[3 * m + 1, 3 * m] = -share * k12
-        matrix[3 * m + 2, 3 * m + 2] = share * parts.twisting_stiffness_N_m2
-    wanted[0], wanted[1] = -rest[2], rest[1]
-    if rod.stretches:
-        matrix[0, 0], matrix[1, 1] = length * stiffness[2, 2], length * stiffness[1, 1]
-        matrix[0, 1] = matrix[1, 0] = -length * stiffness[1, 2]
-        matrix[-1, -1] = length * axial
-        matrix[0, -1] = matrix[-1, 0] = -length * stiffness[2, 0]
-        matrix[1, -1] = matrix[-1, 1] = length * stiffness[1, 0]
-        wanted[-1] = rest[0]
-    if changed:
-        state.flag[_WORK] += _elastic_energy(state) - before_J
-        state.flag[_ASLEEP] = state.flag[_RESTED] = 0.0
-
-
-_ALOFT, _RESTED, _WORK, _ASLEEP = 0, 1, 3, 7  # places of `State.flag`
-
-
 _STAMP = kernel_stamp(
-    actuator, chain, hysteresis, line, material, prony, residual, plant_conditions, pneumatics, rod_memory, __file__
+    actuator,
+    chain,
+    hysteresis,
+    line,
+    material,
+    prony,
+    residual,
+    plant_conditions,
+    pneumatics,
+    rod_memory,
+    rod_energy,
+    rod_rest,
+    __file__,
 )
 
 
@@ -278,7 +245,10 @@ def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
             )
             if done != DONE:
                 return done
-            set_rod_rest(state, rod.layout, rod, parts, own.rest, own.stiffness)
+            set_rest(
+                state.strain, state.rest_strain, state.stiffness, state.flag, rod.shares, rod.stretches, parts.length_m,
+                parts.twisting_stiffness_N_m2, own.rest, own.stiffness,
+            )  # fmt: skip
             if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows) < 1:
                 return ROD_LOST
             own.strain[0] = state.strain[-1] if rod.stretches else 1.0

@@ -32,6 +32,7 @@ from sim.rod_drive import hold
 from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
 from sim.rod_kernel import play
 from sim.rod_memory import ADVICE, ASLEEP, CREATED, KINKED, RESTED, TIME, WORK, Layout, Physics, carve, rod_memory
+from sim.rod_rest import set_rest
 from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
 from softbot.errors import InputError, SimulationError
 
@@ -201,33 +202,19 @@ class RodTwin:
 
     def set_rest(self, strain: FloatArray, stiffness: FloatArray) -> None:
         """Rest strains (ℓ, k1, k2) and section stiffness (3, 3), held until the next call."""
-        length, state = self._body.length_m, self._state
-        before_J, was = self._elastic_energy_J(), (state.rest_strain.tobytes(), state.stiffness.tobytes())
-        # with the stretch relaxed: the bending stiffness where the stretch is no coordinate of its own
-        axial = stiffness[0, 0]
-        k11 = stiffness[1, 1] - stiffness[1, 0] * stiffness[0, 1] / axial
-        k12 = stiffness[1, 2] - stiffness[1, 0] * stiffness[0, 2] / axial
-        k22 = stiffness[2, 2] - stiffness[2, 0] * stiffness[0, 2] / axial
-        twist = self._body.twisting_stiffness_N_m2
-        matrix = state.stiffness
-        for m in range(self._modes):
-            # k towards the centre of curvature turns the tangent: w = t × k = (−k2, k1, ·)
-            share = length * self._shares[m]
-            matrix[3 * m, 3 * m] = share * k22
-            matrix[3 * m + 1, 3 * m + 1] = share * k11
-            matrix[3 * m, 3 * m + 1] = matrix[3 * m + 1, 3 * m] = -share * k12
-            matrix[3 * m + 2, 3 * m + 2] = share * twist
-        state.rest_strain[0], state.rest_strain[1] = -strain[2], strain[1]
-        if self._physics.stretches:
-            matrix[0, 0], matrix[1, 1] = length * stiffness[2, 2], length * stiffness[1, 1]
-            matrix[0, 1] = matrix[1, 0] = -length * stiffness[1, 2]
-            matrix[-1, -1] = length * axial
-            matrix[0, -1] = matrix[-1, 0] = -length * stiffness[2, 0]
-            matrix[1, -1] = matrix[-1, 1] = length * stiffness[1, 0]
-            state.rest_strain[-1] = strain[0]
-        if was != (state.rest_strain.tobytes(), state.stiffness.tobytes()):
-            state.flag[WORK] += self._elastic_energy_J() - before_J
-            self.wake()
+        state = self._state
+        set_rest(
+            state.strain,
+            state.rest_strain,
+            state.stiffness,
+            state.flag,
+            self._shares,
+            self._physics.stretches,
+            self._body.length_m,
+            self._body.twisting_stiffness_N_m2,
+            np.asarray(strain, dtype=float),
+            np.asarray(stiffness, dtype=float),
+        )
 
     def step(self) -> None:
         """Advance by one step. Raises SimulationError when the state is no longer finite."""
@@ -330,10 +317,6 @@ class RodTwin:
 
     def _stretch(self) -> float:
         return float(self._state.strain[-1]) if self._physics.stretches else 1.0
-
-    def _elastic_energy_J(self) -> float:
-        off = self._state.strain - self._state.rest_strain
-        return 0.5 * float(off @ self._state.stiffness @ off)
 
     def _find_natural_rates(self) -> None:
         """Square of each coordinate's natural frequency alone, the base free to follow; of the base, the ground's."""
