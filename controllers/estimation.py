@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from controllers.commutation import wrapped
 from controllers.robot_model import RobotModel
-from softbot.actuator import _wall
+from softbot.actuator_equilibrium import wall_forces
 from softbot.cross_section import CHAMBERS
 from softbot.memory.chain import STATE_MOST, advance
 from softbot.sensing import READINGS, Readings
@@ -137,7 +137,7 @@ def follow_bend(model: RobotModel, own: Any, pressure_Pa: FloatArray, usable: Fl
         own.trial[a] = own.strain[a]
     settled = False
     for _ in range(_NEWTON_STEPS):
-        if not _wall(*section, own.trial, own.force, own.stiffness):
+        if not wall_forces(*section, own.trial, own.force, own.stiffness):
             break
         for a in range(3):
             own.force[a] = own.load[a] - own.force[a]

@@ -38,7 +38,7 @@ from controllers.interface import (
 )
 from controllers.recovery import REVERSAL, begin_reversal, reversal_due, reversal_over
 from controllers.robot_model import RobotModel, pressures_for
-from softbot import actuator, material, pneumatics
+from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
 from softbot.faults import KIND_CODES, KINDS, FaultKind
 from softbot.kernel_stamp import kernel_stamp
@@ -393,7 +393,8 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
 
 cycle = _compile(
     kernel_stamp(
-        actuator,
+        actuator_equilibrium,
+        actuator_inverse,
         chain,
         commutation,
         compensation,

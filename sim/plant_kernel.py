@@ -23,8 +23,9 @@ from sim.rod_drive import hold
 from sim.rod_kernel import play
 from sim.rod_memory import Layout, Physics, carve
 from sim.rod_rest import set_rest
-from softbot import actuator, material, plant_conditions, pneumatics
-from softbot.actuator import ActuatorLaw, _solve
+from softbot import actuator_equilibrium, material, plant_conditions, pneumatics
+from softbot.actuator import ActuatorLaw
+from softbot.actuator_equilibrium import solve_strain
 from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE, VOLUME_FACTOR
 from softbot.kernel_entry import Handed, handed
@@ -140,7 +141,7 @@ NO_ROWS: FloatArray = np.empty((0, ROW_SIZE))
 
 
 _STAMP = kernel_stamp(
-    actuator,
+    actuator_equilibrium,
     chain,
     hysteresis,
     line,
@@ -208,7 +209,7 @@ def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
             effective_Pa = max(pressure - parts.dead_band_Pa, 0.0) + min(pressure, 0.0)
             for a in range(3):
                 own.load[a] += load[a, i] * effective_Pa * conditions[LOAD_FACTOR + i]
-        if not _solve(*section, own.load, own.rest, own.stiffness):
+        if not solve_strain(*section, own.load, own.rest, own.stiffness):
             return NO_SECTION
         return DONE if len(stamp) > 0 else NO_SECTION
 
