@@ -57,6 +57,8 @@ _LABELS = ("chamber", "branch", "trial", "setpoint", "valid")
 
 @dataclass(frozen=True)
 class Column:
+    """One column of a table that was understood."""
+
     index: int
     header: str
     quantity: str

@@ -110,18 +110,22 @@ class BoardRules:
 
     @property
     def state(self) -> BoardState:
+        """What the safety machine remembers."""
         return self.machine.state
 
     @property
     def parameters(self) -> Parameters:
+        """The limits as they stand, after what was lowered over the bus."""
         return self.machine.parameters
 
     @property
     def transitions(self) -> deque[Transition]:
+        """The last changes of mode, oldest first."""
         return self.machine.transitions
 
     @property
     def faults_to_send(self) -> deque[BoardFaultRecord]:
+        """Faults that no BoardFault frame has told of yet."""
         return self.machine.faults_to_send
 
     # ------------------------------------------------------------------ what comes in

@@ -54,22 +54,27 @@ class BoardLimits:
 
     @property
     def max_setpoint_hPa(self) -> int:
+        """As the safety machine takes it [gauge hPa]."""
         return _whole(self.max_setpoint_Pa / PASCAL_PER_HECTOPASCAL)
 
     @property
     def over_pressure_hPa(self) -> int:
+        """As the safety machine takes it [gauge hPa]."""
         return _whole(self.over_pressure_Pa / PASCAL_PER_HECTOPASCAL)
 
     @property
     def command_timeout_ms(self) -> int:
+        """As the safety machine takes it [ms]."""
         return _whole(self.command_timeout_s * 1000)
 
     @property
     def heartbeat_timeout_ms(self) -> int:
+        """As the safety machine takes it [ms]."""
         return _whole(self.heartbeat_timeout_s * 1000)
 
     @property
     def arming_timeout_ms(self) -> int:
+        """As the safety machine takes it [ms]."""
         return _whole(self.arming_timeout_s * 1000)
 
 

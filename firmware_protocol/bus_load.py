@@ -34,6 +34,7 @@ class BusLoad:
 
     @property
     def load(self) -> float:
+        """Share of the bus's time that all messages take, 1: all of it."""
         return sum(message.load for message in self.messages)
 
 

@@ -11,12 +11,12 @@ branch of the code can be tested.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
 
 from firmware_protocol import enumerations
-from firmware_protocol.codec import RANGE_SLACK_STEPS
+from firmware_protocol.c_names import GENERATED, c_type, function_prefix, payload, snake_case, type_bits
+from firmware_protocol.c_physical import physical_header, physical_source
 from firmware_protocol.errors import SpecError
 from firmware_protocol.messages import CHAMBERS
 from firmware_protocol.spec import COUNTER_VALUES, MessageSpec, ProtocolSpec, SignalKind, SignalSpec
@@ -24,8 +24,6 @@ from firmware_protocol.spec import COUNTER_VALUES, MessageSpec, ProtocolSpec, Si
 Interval = tuple[int, int]
 
 _LINE_LENGTH = 120
-_EXACT_BITS = 53
-"""Longest signal whose every raw value a double holds."""
 
 
 def c_codec(protocol: ProtocolSpec) -> dict[str, str]:
@@ -39,33 +37,9 @@ def c_codec(protocol: ProtocolSpec) -> dict[str, str]:
     return {
         "softbot_messages.h": _messages_header(protocol),
         "softbot_messages.c": _messages_source(protocol),
-        "softbot_physical.h": _physical_header(protocol),
-        "softbot_physical.c": _physical_source(protocol),
+        "softbot_physical.h": physical_header(protocol),
+        "softbot_physical.c": physical_source(protocol),
     }
-
-
-def snake_case(name: str) -> str:
-    """`DbcHash` to `dbc_hash`, `UptimeS` to `uptime_s`."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
-
-
-def payload(message: MessageSpec) -> tuple[SignalSpec, ...]:
-    """The signals of a message's struct: all but Crc and Counter, which belong to the protection."""
-    return tuple(signal for signal in message.signals if signal.name not in ("Crc", "Counter"))
-
-
-def unit_suffix(signal: SignalSpec) -> str:
-    """The unit as part of a C name: `kPa`, `rad_s`, `m_s2`; `number` where there is none."""
-    return re.sub(r"\W+", "_", signal.unit) if signal.unit not in ("", "1") else "number"
-
-
-def type_bits(signal: SignalSpec) -> int:
-    """Width of the C integer that holds a signal: 8, 16, 32 or 64."""
-    return next(bits for bits in (8, 16, 32, 64) if bits >= signal.length)
-
-
-def c_type(signal: SignalSpec) -> str:
-    return f"{'' if signal.signed else 'u'}int{type_bits(signal)}_t"
 
 
 # ---------------------------------------------------------------------- what a signal may carry
@@ -127,12 +101,9 @@ def _unpack_refuses(signal: SignalSpec) -> bool:
 # ---------------------------------------------------------------------- softbot_messages.h
 
 
-_GENERATED = "/* Made from softbot.dbc by firmware_protocol/c_codec.py: change the DBC, not this file. */"
-
-
 def _messages_header(protocol: ProtocolSpec) -> str:
     lines = [
-        _GENERATED,
+        GENERATED,
         "#ifndef SOFTBOT_MESSAGES_H",
         "#define SOFTBOT_MESSAGES_H",
         "",
@@ -225,21 +196,17 @@ def _macro(message: MessageSpec) -> str:
     return f"SOFTBOT_{snake_case(message.name).upper()}"
 
 
-def _function(message: MessageSpec) -> str:
-    return f"softbot_{snake_case(message.name)}"
-
-
 def _struct(message: MessageSpec) -> str:
-    return f"{_function(message)}_t"
+    return f"{function_prefix(message)}_t"
 
 
 def _pack_prototype(message: MessageSpec) -> str:
-    name, length = _function(message), f"{_macro(message)}_LENGTH"
+    name, length = function_prefix(message), f"{_macro(message)}_LENGTH"
     return _fitted(f"bool {name}_pack(", (f"const {name}_t *signals", f"uint8_t data[{length}]"), ", ", ")")
 
 
 def _unpack_prototype(message: MessageSpec) -> str:
-    name, length = _function(message), f"{_macro(message)}_LENGTH"
+    name, length = function_prefix(message), f"{_macro(message)}_LENGTH"
     return _fitted(f"bool {name}_unpack(", (f"const uint8_t data[{length}]", f"{name}_t *signals"), ", ", ")")
 
 
@@ -284,7 +251,7 @@ def _explained(signal: SignalSpec) -> str:
 
 
 def _messages_source(protocol: ProtocolSpec) -> str:
-    lines = [_GENERATED, '#include "softbot_messages.h"', ""]
+    lines = [GENERATED, '#include "softbot_messages.h"', ""]
     lines += ["const softbot_message_t softbot_messages[SOFTBOT_MESSAGE_COUNT] = {"]
     for message in protocol.messages:
         lines += _table_row(message)
@@ -435,192 +402,29 @@ def _mask(signal: SignalSpec) -> str:
 
 
 def _dispatch(protocol: ProtocolSpec) -> list[str]:
-    lines = ["bool softbot_pack(const softbot_signals_t *signals, uint8_t data[])", "{"]
-    lines += ["    bool packed = false;", "    switch (signals->index) {"]
-    for message in protocol.messages:
-        member = snake_case(message.name)
-        lines += [
-            f"    case {_index(message)}:",
-            f"        packed = {_function(message)}_pack(&signals->of.{member}, data);",
-            "        break;",
-        ]
-    lines += [
-        "    case SOFTBOT_MESSAGE_COUNT:",
-        "    default:",
-        "        break;",
-        "    }",
-        "    return packed;",
-        "}",
-        "",
-    ]
-    lines += [
-        "bool softbot_unpack(softbot_message_index_t index, const uint8_t data[], softbot_signals_t *signals)",
-        "{",
-    ]
-    lines += ["    bool unpacked = false;", "    signals->index = index;", "    switch (index) {"]
-    for message in protocol.messages:
-        member = snake_case(message.name)
-        lines += [
-            f"    case {_index(message)}:",
-            f"        unpacked = {_function(message)}_unpack(data, &signals->of.{member});",
-            "        break;",
-        ]
-    lines += [
-        "    case SOFTBOT_MESSAGE_COUNT:",
-        "    default:",
-        "        break;",
-        "    }",
-        "    return unpacked;",
-        "}",
-        "",
-    ]
-    return lines
-
-
-# ---------------------------------------------------------------------- softbot_physical
-
-
-def _scaled(protocol: ProtocolSpec) -> Iterable[tuple[MessageSpec, SignalSpec]]:
-    """The signals whose physical value is not the raw one."""
-    for message in protocol.messages:
-        for signal in payload(message):
-            if not signal.whole:
-                if signal.length > _EXACT_BITS:
-                    raise SpecError(
-                        f"{message.name}.{signal.name}: scaled, and {signal.length} bits are more than the "
-                        f"{_EXACT_BITS} that a double holds; shorten it, or give it scale 1 and offset 0"
-                    )
-                yield message, signal
-
-
-def to_raw_name(message: MessageSpec, signal: SignalSpec) -> str:
-    """`softbot_board_pressures_pressure0_from_kPa`."""
-    return f"{_function(message)}_{snake_case(signal.name)}_from_{unit_suffix(signal)}"
-
-
-def to_physical_name(message: MessageSpec, signal: SignalSpec) -> str:
-    """`softbot_board_pressures_pressure0_in_kPa`."""
-    return f"{_function(message)}_{snake_case(signal.name)}_in_{unit_suffix(signal)}"
-
-
-def _to_raw_prototype(message: MessageSpec, signal: SignalSpec) -> str:
-    return f"bool {to_raw_name(message, signal)}(double physical, {c_type(signal)} *raw)"
-
-
-def _to_physical_prototype(message: MessageSpec, signal: SignalSpec) -> str:
-    return f"double {to_physical_name(message, signal)}({c_type(signal)} raw)"
-
-
-def _physical_header(protocol: ProtocolSpec) -> str:
-    lines = [
-        _GENERATED,
-        "#ifndef SOFTBOT_PHYSICAL_H",
-        "#define SOFTBOT_PHYSICAL_H",
-        "",
-        "#include <stdbool.h>",
-        "#include <stdint.h>",
-        "",
-        "/*",
-        " * Raw counts from physical values and back, in IEEE 754 double precision. To raw: to the nearest, ties to",
-        " * even; false, and nothing written, for what is not finite or out of range; a measurement (SaturatedNumber)",
-        " * out of range gives the end of its range. Signals that are not here have their unit as raw count.",
-        " */",
-        "",
-    ]
-    for message, signal in _scaled(protocol):
-        lines.append(f"{_to_raw_prototype(message, signal)};")
-        lines.append(f"{_to_physical_prototype(message, signal)};")
-    return "\n".join([*lines, "", "#endif", ""])
-
-
-def _physical_source(protocol: ProtocolSpec) -> str:
-    lines = [_GENERATED, '#include "softbot_physical.h"', "", "#include <float.h>", ""]
-    lines += _PHYSICAL_FUNCTIONS.replace("SLACK_STEPS", repr(RANGE_SLACK_STEPS)).splitlines()
-    for message, signal in _scaled(protocol):
-        lines += _accessors(message, signal)
-    return "\n".join(lines)
-
-
-_PHYSICAL_FUNCTIONS = """
-typedef struct {
-    double scale;
-    double offset;
-    int64_t minimum;
-    int64_t maximum;
-    bool saturated;
-} scaling_t;
-
-/* To the nearest, ties to even; `steps` lies within the range of a signal, where every conversion here is exact. */
-static int64_t rounded(double steps)
-{
-    int64_t whole = (int64_t)steps;
-    const double rest = steps - (double)whole;
-    const bool odd = (whole % 2) != 0;
-    if ((rest > 0.5) || (odd && (rest >= 0.5))) {
-        whole += 1;
-    } else if ((rest < -0.5) || (odd && (rest <= -0.5))) {
-        whole -= 1;
-    } else {
-        /* nearest already */
-    }
-    return whole;
-}
-
-static bool to_raw(const scaling_t *scaling, double physical, int64_t *raw)
-{
-    const double shifted = physical - scaling->offset;
-    const double steps = shifted / scaling->scale;
-    bool accepted = (steps >= -DBL_MAX) && (steps <= DBL_MAX); /* neither infinite nor NaN */
-    if (accepted) {
-        /* the slack lets every decoded value be encoded again */
-        if (steps < ((double)scaling->minimum - SLACK_STEPS)) {
-            *raw = scaling->minimum;
-            accepted = scaling->saturated;
-        } else if (steps > ((double)scaling->maximum + SLACK_STEPS)) {
-            *raw = scaling->maximum;
-            accepted = scaling->saturated;
-        } else {
-            *raw = rounded(steps);
-        }
-    }
-    return accepted;
-}
-
-/* In two statements: a compiler may contract one into a fused multiply-add, which rounds otherwise. */
-static double to_physical(const scaling_t *scaling, int64_t raw)
-{
-    const double product = (double)raw * scaling->scale;
-    return product + scaling->offset;
-}
-
-"""
-
-
-def _accessors(message: MessageSpec, signal: SignalSpec) -> list[str]:
-    scaling = f"{snake_case(message.name)}_{snake_case(signal.name)}"
-    saturated = signal.kind is SignalKind.SATURATED_NUMBER
+    """`softbot_pack` and `softbot_unpack`: the message's own, by its index."""
     return [
-        f"static const scaling_t {scaling} = {{",
-        f"    .scale = {float(signal.scale)!r},",
-        f"    .offset = {float(signal.offset)!r},",
-        f"    .minimum = {signal.raw_minimum},",
-        f"    .maximum = {signal.raw_maximum},",
-        f"    .saturated = {'true' if saturated else 'false'},",
-        "};",
-        "",
-        _to_raw_prototype(message, signal),
-        "{",
-        "    int64_t wide = 0;",
-        f"    const bool accepted = to_raw(&{scaling}, physical, &wide);",
-        "    if (accepted) {",
-        f"        *raw = ({c_type(signal)})wide;",
-        "    }",
-        "    return accepted;",
-        "}",
-        "",
-        _to_physical_prototype(message, signal),
-        "{",
-        f"    return to_physical(&{scaling}, raw);",
-        "}",
-        "",
+        *_switch(
+            protocol,
+            "bool softbot_pack(const softbot_signals_t *signals, uint8_t data[])",
+            "packed",
+            ["    switch (signals->index) {"],
+            "_pack(&signals->of.{member}, data)",
+        ),
+        *_switch(
+            protocol,
+            "bool softbot_unpack(softbot_message_index_t index, const uint8_t data[], softbot_signals_t *signals)",
+            "unpacked",
+            ["    signals->index = index;", "    switch (index) {"],
+            "_unpack(data, &signals->of.{member})",
+        ),
     ]
+
+
+def _switch(protocol: ProtocolSpec, head: str, result: str, before: list[str], call: str) -> list[str]:
+    lines = [head, "{", f"    bool {result} = false;", *before]
+    for message in protocol.messages:
+        called = function_prefix(message) + call.format(member=snake_case(message.name))
+        lines += [f"    case {_index(message)}:", f"        {result} = {called};", "        break;"]
+    lines += ["    case SOFTBOT_MESSAGE_COUNT:", "    default:", "        break;", "    }"]
+    return [*lines, f"    return {result};", "}", ""]

@@ -40,6 +40,7 @@ class FrameStatus(StrEnum):
 
     @property
     def accepted(self) -> bool:
+        """Whether the frame may be acted on."""
         return self in _ACCEPTED
 
 

@@ -66,6 +66,7 @@ class MessageReception:
 
     @property
     def counts(self) -> dict[FrameStatus, int]:
+        """Frames so far by their verdict."""
         return self.receiver.counts
 
 

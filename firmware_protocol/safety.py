@@ -137,6 +137,7 @@ class SafetyMachine:
     # ------------------------------------------------------------------ what came on the bus, already accepted
 
     def emergency_stop(self, reason: int) -> None:
+        """An EmergencyStop message: latches the safe state in any mode."""
         self.latch(SafeReason.EMERGENCY_STOP, detail=reason)
 
     def control(self, wanted: ControlMode, token: int, peer_hash: int) -> None:

@@ -60,10 +60,12 @@ class SignalSpec:
 
     @property
     def raw_minimum(self) -> int:
+        """Smallest raw count in range."""
         return round((self.minimum - self.offset) / self.scale)
 
     @property
     def raw_maximum(self) -> int:
+        """Largest raw count in range."""
         return round((self.maximum - self.offset) / self.scale)
 
 

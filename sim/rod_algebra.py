@@ -14,6 +14,7 @@ _SMALLEST_PIVOT = 1e-300
 
 @inner
 def copy_into(source: FloatArray, target: FloatArray) -> None:
+    """target ← source, shape (n,) each."""
     for k in range(source.shape[0]):
         target[k] = source[k]
 

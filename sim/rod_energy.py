@@ -51,6 +51,7 @@ def curvature_squared(i: int, strain: FloatArray, mode: FloatArray) -> float:
 
 @inner
 def elastic_energy_J(strain: FloatArray, rest: FloatArray, stiffness: FloatArray) -> float:
+    """½ (e − e₀)ᵀ K (e − e₀) [J]. strain, rest: shape (s,); stiffness: shape (s, s)."""
     total = 0.0
     for a in range(strain.shape[0]):
         off = strain[a] - rest[a]

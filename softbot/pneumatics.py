@@ -202,6 +202,7 @@ def flow_and_slopes(
 
 @njit(cache=True)
 def flow_coefficient(conductance_m3_s_Pa: float, temperature_K: float) -> float:
+    """Mass flow per upstream absolute pressure through a choked valve [kg/(s Pa)], ISO 6358."""
     return conductance_m3_s_Pa * REFERENCE_DENSITY_kg_m3 * math.sqrt(REFERENCE_TEMPERATURE_K / temperature_K)
 
 

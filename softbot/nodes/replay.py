@@ -51,6 +51,7 @@ class ListeningLink(SequencerLink):
 
     @property
     def armed(self) -> bool:
+        """Whether the recorded board says that it is armed."""
         return self.readings.board_mode is BoardMode.ARMED
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_protocol.c_codec import c_type, payload, snake_case, to_physical_name, to_raw_name
+from firmware_protocol.c_names import c_type, payload, snake_case
+from firmware_protocol.c_physical import to_physical_name, to_raw_name
 from firmware_protocol.c_reference import compile_c_reference
 from firmware_protocol.spec import MessageSpec, spec
 

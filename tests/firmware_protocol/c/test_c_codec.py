@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from firmware_protocol.c_codec import c_codec as generate
-from firmware_protocol.c_codec import payload, snake_case, to_physical_name, to_raw_name, type_bits
+from firmware_protocol.c_names import payload, snake_case, type_bits
+from firmware_protocol.c_physical import to_physical_name, to_raw_name
 from firmware_protocol.codec import decode, encode
 from firmware_protocol.e2e import FrameStatus, Receiver, check, protect
 from firmware_protocol.enumerations import SafeReason
