@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -192,15 +193,22 @@ class Calibration:
                 f"rms {report['rms_length_percent']:.1f} %, leave-one-out {report['loo_length_percent']:.1f} %"
                 f"{_repeats(report['repeat_length_percent'])} of {report['full_scale_length_mm']:.1f} mm"
             )
-        found |= {name: _interval(one) for name, one in self.parameters.items()}
-        found["damping_time_s"] = "assumed: a loss tangent of about 0.1 at 1 Hz"
-        found |= {f"assumption_{n}": text for n, text in enumerate(self.assumptions, 1)}
-        return found | {f"source_{n}": text for n, text in enumerate(self.table.comments, 1) if text}
+        return found | numbers_provenance(self.parameters, self.assumptions, self.table)
+
+
+def numbers_provenance(
+    parameters: Mapping[str, Estimate], assumptions: Sequence[str], table: BendTable
+) -> dict[str, str]:
+    """Where each number of a fitted robot comes from: its interval, what was assumed, what the table says of itself."""
+    found = {name: _interval(one) for name, one in parameters.items()}
+    found["damping_time_s"] = "assumed: a loss tangent of about 0.1 at 1 Hz"
+    found |= {f"assumption_{n}": text for n, text in enumerate(assumptions, 1)}
+    return found | {f"source_{n}": text for n, text in enumerate(table.comments, 1) if text}
 
 
 def _interval(one: Estimate) -> str:
     if not one.identified:
-        return "not determined by the table"
+        return "not determined by what was measured"
     unit = "" if one.unit == "1" else f" {one.unit}"
     return f"95 % interval {one.low:.4g} ... {one.high:.4g}{unit}"
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from calib.bend_table import BendTable, FloatArray
-from calib.calibration import DAMPING_TIME_S, DENSITY_KG_M3, Estimate, rounded, rounded_up
+from calib.calibration import DAMPING_TIME_S, DENSITY_KG_M3, Estimate, numbers_provenance, rounded, rounded_up
 from calib.fit import Geometry
 from calib.identifiability import directions, sentences
 from calib.recording import Trial, trials_of
@@ -217,10 +217,7 @@ class SeriesCalibration:
                 else ""
             ),
         }
-        found |= {name: _interval(one) for name, one in self.parameters.items()}
-        found["damping_time_s"] = "assumed: a loss tangent of about 0.1 at 1 Hz"
-        found |= {f"assumption_{n}": text for n, text in enumerate(self.assumptions, 1)}
-        return found | {f"source_{n}": text for n, text in enumerate(self.table.comments, 1) if text}
+        return found | numbers_provenance(self.parameters, self.assumptions, self.table)
 
 
 def calibrate_recording(
@@ -417,13 +414,6 @@ def _steady_rad(trial: Trial) -> float:
     at = np.interp(trial.t_s, trial.grid_s, driven) >= 0.9 * np.max(driven)
     rows = np.flatnonzero(at)
     return float(np.mean(trial.bend_rad[rows[len(rows) // 2 :]]))
-
-
-def _interval(one: Estimate) -> str:
-    if not one.identified:
-        return "not determined by the recording"
-    unit = "" if one.unit == "1" else f" {one.unit}"
-    return f"{one.value:.4g}{unit}, 95 % interval {one.low:.4g} ... {one.high:.4g}{unit}"
 
 
 def _plain(value: Any) -> Any:
