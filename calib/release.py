@@ -34,6 +34,8 @@ class Release:
     """95 % interval."""
     rows: BendTable
     """Release rows whose hold before is known, n of them."""
+    before_Pa: FloatArray
+    """Pressures of that hold, shape (n, 4)."""
     bend_residual_rad: FloatArray
     """Measured less fitted, shape (n, 2); (size, 0) where the direction is unknown."""
     length_residual_m: FloatArray
@@ -73,7 +75,7 @@ def fit_release(fit: Fit, table: BendTable, errors: Observations) -> Release | N
     half = float(stats.t.ppf(0.975, max(numbers - 1, 1))) * math.sqrt(
         max(spread, 1e-12) / max(float(slope @ slope), 1e-12)
     )
-    return Release(share, max(share - half, 0.0), min(share + half, LARGEST_SHARE), rows, bend, length)
+    return Release(share, max(share - half, 0.0), min(share + half, LARGEST_SHARE), rows, before_Pa, bend, length)
 
 
 def _released(table: BendTable) -> tuple[BendTable, FloatArray]:

@@ -31,6 +31,10 @@ def calibrate(
     law: Annotated[str, typer.Option(help="Wall material: auto, linear, neo-hookean, yeoh or gent.")] = "auto",
     name: Annotated[str | None, typer.Option(help="Name of the robot; else the table's.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of table, fit and band (PNG, SVG or PDF).")] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="PAGE.html", help="Page to write: curves, residuals, what was chosen and why."),
+    ] = None,
     transfer: Annotated[
         bool, typer.Option(help="Of a recording: fit each trial alone and judge it on the others of its chambers.")
     ] = False,
@@ -51,9 +55,12 @@ def calibrate(
 
     from softbot.errors import InputError
 
-    for option, path in (("--out", out), ("--plot", plot)):
-        if path is not None and path.exists() and table.exists() and path.samefile(table):
+    files = {name: path for name, path in (("--out", out), ("--plot", plot), ("--report", report)) if path is not None}
+    for option, path in files.items():
+        if path.exists() and table.exists() and path.samefile(table):
             raise InputError(f"{option} {path}: is the table itself, which would be lost; name another file")
+        if sum(path.resolve() == other.resolve() for other in files.values()) > 1:
+            raise InputError(f"{option} {path}: is named for two things to write; name a file for each")
     if length_mm is not None and not 1.0 <= length_mm <= 1e5:
         raise InputError(f"--length-mm {length_mm:g}: a robot is 1 mm to 100 m long; give its length in millimetres")
 
@@ -91,19 +98,26 @@ def calibrate(
         write_toml(out, robot)
     if plot is not None:
         _save_plot(calibration, plot)
+    if report is not None:
+        from softbot.report.calibration_page import write_calibration_page
+
+        write_calibration_page(calibration, report, judged)
     if json:
-        report = calibration.report() | {"robot": str(out) if out else None, "plot": str(plot) if plot else None}
+        found = calibration.report()
+        found |= {
+            what: str(path) if path else None for what, path in (("robot", out), ("plot", plot), ("page", report))
+        }
         if judged:
-            report["transfers"] = [asdict(one) for one in judged]
-        print(json_format.dumps(report, allow_nan=False))
+            found["transfers"] = [asdict(one) for one in judged]
+        print(json_format.dumps(found, allow_nan=False))
         return
     console = Console()
     _show(console, calibration)
     if judged:
         _show_transfers(console, judged)
-    for label, path in (("robot", out), ("plot", plot)):
-        if path is not None:
-            typer.echo(f"{label}: {path}")
+    for label, written in (("robot", out), ("plot", plot), ("page", report)):
+        if written is not None:
+            typer.echo(f"{label}: {written}")
 
 
 def _save_plot(calibration: Calibration | SeriesCalibration, plot: Path) -> None:
