@@ -11,7 +11,8 @@ What is free follows from what the table holds:
 
 Among wall materials, with and without dead band (and free radius), the simplest model is taken whose leave-one-out
 error is within 10 % of the least: a residual always falls with more coordinates, a prediction does not.
-Unloading rows are reported, not fitted: the law has no memory.
+Unloading rows do not move the law. Those that follow a hold of their trial give the share of a load that stays after
+its release (`calib.release`); others are reported only. Both kinds of hold stand in the lack-of-fit test.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from calib.bend_table import BendTable, FloatArray
+from calib.bend_table import BendTable, FloatArray, joined_rows
 from calib.calibration import DENSITY_KG_M3, Calibration, Candidate, Errors, Estimate
+from calib.design import NextRow, next_rows, telling_row
+from calib.identifiability import directions, sentences
 from calib.model import ActuatorModel
 from calib.plausibility import ATMOSPHERE_PA, check_response, looks_absolute
+from calib.release import Release, fit_release
 from calib.repeats import RepeatError, joined, repeat_error, repeat_groups
 from calib.robust_fit import Fit, LeaveOneOut, Observations, bend_vectors, fit_model, leave_one_out, observations
 from softbot.cross_section import CHAMBERS, DEFAULT_CENTROID_RATIO, DEFAULT_CHAMBER_AREA_RATIO
@@ -41,6 +45,7 @@ _ASSUMED_LENGTH_M = 0.15
 _ASSUMED_SLENDERNESS = 15.0  # length over radius, of the design's rod
 _ASSUMED_ERROR = 0.03  # of full scale, where the table has no repeats
 _LEAST_ERROR = 0.005  # of full scale: what no measurement here beats
+_RIVAL = 1.25  # a law that predicts this much worse is not yet ruled out
 _WORTH = 1.1  # a simpler model may have this much more leave-one-out error
 _MOST_ROWS = 150  # more are averaged where their pressures are close
 _MOST_CHECKED = 5000  # rows that the residuals of a long table are computed on
@@ -91,9 +96,12 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
         raise InputError(f"{table.source}: the actuator law has no equilibrium near these bends; check the units")
     fit, left_out = _choose(tried)
     _check_dead_band(loading, fit)
-    errors = _errors(table, loading, fit, left_out, rows, groups, bend_repeat, length_repeat)
+    release = fit_release(fit, table, rows)
+    errors = _errors(table, loading, fit, left_out, rows, release, bend_repeat, length_repeat)
     quantile = float(stats.t.ppf(0.975, max(fit.degrees_of_freedom, 1)))
     parameters = _parameters(fit, quantile)
+    if release is not None:
+        parameters["residual_share"] = Estimate(release.share, release.low, release.high, "1", True)
     warnings += _warnings(table, loading, fit, errors, parameters, rows)
     ranked = sorted(tried, key=lambda one: (one[0] is not fit, one[1].score))
     return Calibration(
@@ -108,7 +116,27 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
         warnings=tuple(dict.fromkeys(warnings)),
         mass_kg=geometry.mass_kg,
         t_quantile=quantile,
+        release=release,
+        measure_next=_measure_next(fit, tried, rows, warnings),
     )
+
+
+def _measure_next(
+    fit: Fit, tried: list[tuple[Fit, LeaveOneOut]], rows: Observations, warnings: list[str]
+) -> tuple[NextRow, ...]:
+    """What to measure next: first what tells the laws apart that predict alike so far, then what narrows the band."""
+    if any(text.startswith("lack of fit") for text in warnings):
+        return ()
+    best = min(left_out.score for _, left_out in tried)
+    rivals = [
+        (one, left) for one, left in tried if one.model.material != fit.model.material and left.score <= _RIVAL * best
+    ]
+    found = next_rows(fit, rows)
+    if rivals:
+        rival = min(rivals, key=lambda one: one[1].score)[0]
+        between = telling_row(fit, rival, rows)
+        found = [between, *found] if between is not None else found
+    return tuple(found)
 
 
 def _check_dead_band(table: BendTable, fit: Fit) -> None:
@@ -260,7 +288,7 @@ def _errors(
     fit: Fit,
     left_out: LeaveOneOut,
     rows: Observations,
-    groups: np.ndarray,
+    release: Release | None,
     bend_repeat: RepeatError | None,
     length_repeat: RepeatError | None,
 ) -> Errors:
@@ -279,7 +307,11 @@ def _errors(
         repeat_length_m=length_repeat.value if length_repeat else None,
         full_scale_length_m=float(np.nanmax(np.abs(loading.length_m - rest_m))) if long else None,
         unloading_bend_rad=_rms(unloaded) if unloaded is not None else None,
-        lack_of_fit_p=_lack_of_fit(fit, rows, loading, groups, bend, length),
+        release_bend_rad=_rms(release.bend_residual_rad) if release is not None else None,
+        release_length_m=_rms(release.length_residual_m)
+        if release is not None and np.any(np.isfinite(release.length_residual_m))
+        else None,
+        lack_of_fit_p=_lack_of_fit(fit, rows, loading, bend, length, release),
     )
 
 
@@ -295,11 +327,21 @@ def _residuals(fit: Fit, table: BendTable) -> tuple[FloatArray, FloatArray]:
 
 
 def _lack_of_fit(
-    fit: Fit, rows: Observations, table: BendTable, groups: np.ndarray, bend: FloatArray, length: FloatArray
+    fit: Fit, rows: Observations, table: BendTable, bend: FloatArray, length: FloatArray, release: Release | None
 ) -> float | None:
-    """The classical F test of the residual's excess over the repeats, bends and lengths in measuring errors."""
+    """The classical F test of the residual's excess over the repeats, bends and lengths in measuring errors.
+
+    Loading and release holds together.
+    """
     if len(bend) != len(table):
         return None
+    coordinates = len(fit.theta)
+    if release is not None:
+        table = joined_rows(table, release.rows)
+        bend = np.vstack([bend, release.bend_residual_rad])
+        length = np.concatenate([length, release.length_residual_m])
+        coordinates += 1
+    groups = repeat_groups(table)
     square = float(np.sum(bend**2) / rows.bend_error_rad**2 + np.nansum(length**2) / rows.length_error_m**2)
     pure, pure_freedom, kinds = 0.0, 0, 0
     for values, unit in ((bend_vectors(table), rows.bend_error_rad), (table.length_m, rows.length_error_m)):
@@ -311,7 +353,7 @@ def _lack_of_fit(
         if repeats is not None:
             pure += repeats.value**2 * repeats.degrees_of_freedom
             pure_freedom += repeats.degrees_of_freedom
-    lack_freedom = kinds - len(fit.theta)
+    lack_freedom = kinds - coordinates
     if pure_freedom < 2 or lack_freedom < 1 or pure <= 0.0:
         return None
     ratio = (max(square - pure, 0.0) / lack_freedom) / (pure / pure_freedom)
@@ -364,6 +406,31 @@ _REMEDY = {
 }
 
 
+_PLAIN = {
+    "modulus": "the modulus",
+    "stiffening": "the stiffening",
+    "radius": "the radius",
+    "centroid": "the arm of the chambers",
+    "gain": "the gains",
+    "dead_band": "the dead band",
+    "length": "the length at rest",
+}
+_COORDINATE_REMEDY = {
+    "modulus": "measure at more pressures",
+    "stiffening": "add points at the highest pressure the robot may see",
+    "radius": "add the lengths, or give the radius",
+    "centroid": "add rows with several chambers at once",
+    "gain": "pressurise each chamber alone",
+    "length": "add rows without pressure, or give the length",
+}
+
+
+def _lowest_driven_Pa(table: BendTable) -> float:
+    """Lowest pressure of a driven chamber at which a bend was measured [Pa]."""
+    largest_Pa = float(np.max(table.pressure_Pa))
+    return float(np.min(np.where(table.pressure_Pa > 0.12 * largest_Pa, table.pressure_Pa, largest_Pa)))
+
+
 def _warnings(
     table: BendTable,
     loading: BendTable,
@@ -382,6 +449,10 @@ def _warnings(
     if blind:
         remedies = dict.fromkeys(_REMEDY.get(name, "pressurise each chamber alone") for name in blind)
         found.append(f"this table cannot tell {' from '.join(blind)}: {'; '.join(remedies)}")
+    else:
+        remedy = dict(_COORDINATE_REMEDY)
+        remedy["dead_band"] = f"add points under {_lowest_driven_Pa(loading) / 1e3:.3g} kPa"
+        found += sentences(directions(fit.model.coordinates, fit.information), _PLAIN, remedy)
     ratio = parameters.get("chamber_centroid_radius_m")
     if ratio is not None:
         share = ratio.value / fit.model.radius_m
@@ -407,8 +478,13 @@ def _warnings(
         found.append(f"chamber{'s' if len(still) > 1 else ''} {_list(still)} never driven: gain 1 assumed")
     if errors.unloading_bend_rad is not None:
         found.append(
-            f"{int(np.sum(~table.loading))} unloading rows are not fitted (the law has no memory); they lie "
-            f"{math.degrees(errors.unloading_bend_rad):.1f}° (rms) from the loading curve"
+            f"{int(np.sum(~table.loading))} unloading rows lie {math.degrees(errors.unloading_bend_rad):.1f}° (rms) "
+            "from the loading curve"
+            + (
+                f", {math.degrees(errors.release_bend_rad):.1f}° where a share of the load stays after its release"
+                if errors.release_bend_rad is not None
+                else " and are not fitted: give each row the trial of the hold before it"
+            )
         )
     return found
 
@@ -448,7 +524,11 @@ def _snap_through(table: BendTable) -> str | None:
     before = float(np.median(slope[:steep])) if steep else math.inf
     if slope[steep] > 2.5 * overall and slope[steep] > 4.0 * before:
         near = f"{mean_Pa[steep] / 1e3:.3g} kPa"
-        return f"the bend runs away near {near} (a snap-through, as of bubbles without hoop fibres)"
+        jump = f"from {math.degrees(bend[steep]):.0f}° to {math.degrees(bend[steep + 1]):.0f}°"
+        return (
+            f"the bend runs away near {near}, {jump} (a snap-through: the pressure of a bubble without hoop fibres has "
+            "a limit point, beyond which it grows under less pressure; with fibres the pressure rises throughout)"
+        )
     return None
 
 

@@ -26,6 +26,7 @@ from softbot.errors import SimulationError
 LOSS_SCALE = 2.0
 EXACT_LEAVE_ONE_OUT = 24  # rows up to which each row is left out by fitting again
 _PULL = 1e-3
+_LEAST_SCALE = 0.05  # of the measuring error, squared: information is never better than that
 _AT_BOUND = 1e-4  # of the range of a coordinate
 _STARTS = 2  # of all starts, the best ones are followed to the end
 
@@ -85,6 +86,8 @@ class Fit:
     """Measured less fitted, shape (n,)."""
     degrees_of_freedom: int
     """Measured numbers less coordinates."""
+    information: FloatArray
+    """Fisher information of the coordinates, shape (m, m), in measuring errors as the residuals show them."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +174,7 @@ def _finished(model: ActuatorModel, rows: Observations, theta: FloatArray) -> Fi
         _bend_residual(prediction, rows.bend_rad, rows.directed),
         rows.length_m - prediction.length_m,
         freedom,
+        slope.T @ slope / max(scale, _LEAST_SCALE),
     )
 
 

@@ -112,3 +112,16 @@ def test_the_table_is_never_overwritten(tmp_path):
     assert table.read_text() == text
     with pytest.raises(InputError, match="millimetres"):
         calibrate(table, length_mm=0.15)
+
+
+def test_page_is_written_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibrate(ARM, length_mm=134.0, law="neo-hookean", report=tmp_path / "arm.html")
+    assert "page: " in capsys.readouterr().out
+    assert "What to measure next" in (tmp_path / "arm.html").read_text(encoding="utf-8")
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    one = tmp_path / "one.html"
+    with pytest.raises(InputError, match="two things"):
+        calibrate(ARM, out=one, report=tmp_path / "." / "one.html")
+    assert not one.exists()
