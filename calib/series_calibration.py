@@ -4,14 +4,14 @@
 (JᵀJ)⁻¹σ² is widened by the residuals' integrated autocorrelation time. Parameters are estimated in the logarithm.
 
 **Bands.** A prediction of a trial that was not measured is off by as much as trials that were left out were: the 95 %
-band is 1.96 times their error; `coverage` says how many of their rows lie in it.
+band is 1.96 times their error; `coverage` says how many rows of each lie in the band that the others' errors make.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -21,14 +21,14 @@ from calib.calibration import DAMPING_TIME_S, DENSITY_KG_M3, Estimate, numbers_p
 from calib.fit import Geometry
 from calib.identifiability import directions, sentences
 from calib.recording import Trial, trials_of
-from calib.series_choice import Choice, choose_series, scaled_error
+from calib.series_choice import Choice, LeftOut, choose_series, scaled_error
 from calib.series_fit import SeriesFit, relative_error
 from calib.series_model import RECOVERY_TIME_S, SeriesModel
 from softbot.errors import InputError
 from softbot.robot import ROBOT_SCHEMA, Robot
 from softbot.toml_file import check
 
-MATERIALS_TRIED = ("gent", "neo-hookean")
+MATERIALS_TRIED = ("gent", "yeoh", "neo-hookean", "linear")
 _ASSUMED_LENGTH_M = 0.15
 _ASSUMED_SLENDERNESS = 15.0
 _PRESSURE_RESERVE = 1.1
@@ -90,8 +90,6 @@ class SeriesCalibration:
     trials: tuple[Trial, ...]
     choice: Choice
     parameters: dict[str, Estimate]
-    coverage: float | None
-    """Share of the left-out trials' rows inside the 95 % band; None with one trial."""
     assumptions: tuple[str, ...]
     warnings: tuple[str, ...]
     mass_kg: float | None
@@ -109,9 +107,17 @@ class SeriesCalibration:
     @property
     def band(self) -> float:
         """Half width of the 95 % prediction band, over full scale."""
-        left_out = [one.rms for one in self.choice.left_out]
-        error = math.sqrt(float(np.mean(np.square(left_out)))) if left_out else float(self.fit.rms[0])
-        return 1.96 * error
+        left_out = self.choice.left_out
+        return _band(left_out) if left_out else 1.96 * float(self.fit.rms[0])
+
+    @property
+    def coverage(self) -> float | None:
+        """Share of the left-out trials' rows inside the band that the other trials' errors make; None for one trial."""
+        left_out = self.choice.left_out
+        if len(left_out) < 2:
+            return None
+        inside = [np.abs(one.off) <= _band([other for other in left_out if other is not one]) for one in left_out]
+        return float(np.mean(np.concatenate(inside)))
 
     def robot(self, name: str) -> Robot:
         """The calibrated robot. Raises InputError where the numbers are none."""
@@ -234,7 +240,7 @@ def calibrate_recording(
     choice = choose_series(trials, length_m, radius_m, materials_of(law), quick)
     fit = choice.fit
     covariance, information = covariance_of(fit, trials)
-    parameters = _estimates(fit.model, fit.theta, covariance)
+    parameters = estimates_of(fit.model, fit.theta, covariance)
     found = directions(fit.model.coordinates, information)
     warnings = [*notes, *sentences(found, PLAIN, REMEDY, "this recording"), *_warnings(trials, choice)]
     if "residual" in fit.model.parts:
@@ -244,10 +250,9 @@ def calibrate_recording(
         assumptions.append(f"mass {geometry.mass_kg:g} kg: given")
     else:
         assumptions.append(f"mass from a density of {DENSITY_KG_M3:g} kg/m3 and the wall's area")
-    calibration = SeriesCalibration(
-        table, tuple(trials), choice, parameters, None, tuple(assumptions), tuple(warnings), geometry.mass_kg
+    return SeriesCalibration(
+        table, tuple(trials), choice, parameters, tuple(assumptions), tuple(warnings), geometry.mass_kg
     )
-    return _with_coverage(calibration)
 
 
 def transfers(table: BendTable, geometry: Geometry | None = None, law: str = "auto") -> list[Transfer]:
@@ -262,7 +267,7 @@ def transfers(table: BendTable, geometry: Geometry | None = None, law: str = "au
             continue
         fit = choose_series([one], length_m, radius_m, materials_of(law)[:1]).fit
         for other in others:
-            bend = fit.model.bend_rad(fit.theta, other)
+            bend = fit.prediction.bend_rad(other)
             error, gain = scaled_error(bend, other)
             raw = relative_error(bend, other)
             apart = abs(_steady_rad(one) - _steady_rad(other)) / _steady_rad(other)
@@ -330,20 +335,12 @@ def autocorrelation_time(residual: FloatArray) -> float:
     return float(min(max(1.0 + 2.0 * np.sum(correlation[1:last]), 1.0), n / 4.0))
 
 
-def _with_coverage(calibration: SeriesCalibration) -> SeriesCalibration:
-    if not calibration.choice.left_out:
-        return calibration
-    inside, rows = 0, 0
-    fit = calibration.fit
-    for trial in calibration.trials:
-        half = calibration.band * trial.full_scale_rad
-        off = np.abs(fit.model.bend_rad(fit.theta, trial) - trial.bend_rad)
-        inside += int(np.sum(off <= half))
-        rows += len(off)
-    return replace(calibration, coverage=inside / rows)
+def _band(left_out: Sequence[LeftOut]) -> float:
+    return 1.96 * math.sqrt(float(np.mean([one.rms**2 for one in left_out])))
 
 
-def _estimates(model: SeriesModel, theta: FloatArray, covariance: FloatArray) -> dict[str, Estimate]:
+def estimates_of(model: SeriesModel, theta: FloatArray, covariance: FloatArray) -> dict[str, Estimate]:
+    """Each parameter of the robot with its 95 % interval, SI, from coordinates (c,) and their covariance (c, c)."""
     low_bound, high_bound = model.bounds()
     largest_Pa = model.largest_pressure_Pa
     units = {

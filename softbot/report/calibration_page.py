@@ -134,7 +134,7 @@ def _facts(report: dict[str, Any], recorded: bool) -> list[str]:
 def _band_words(report: dict[str, Any]) -> str:
     coverage = report["band_coverage_percent"]
     return f"band: ±{report['band_percent']:.0f} % of full scale, 95 % of a trial that was left out" + (
-        "" if coverage is None else f"; it holds {coverage:.0f} % of the measured rows"
+        "" if coverage is None else f"; the other trials' band holds {coverage:.0f} % of their rows"
     )
 
 
