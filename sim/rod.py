@@ -9,12 +9,16 @@ Left out: shear, stretch that varies along the tube, contact of the tube with it
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.body import Body, Motion, World
+from sim import motion_rows
+from sim.between_steps import Instant, instants_between
+from sim.body import Body, BrokenOff, Motion, World
 from sim.motion_rows import (
     ANGULAR_MOMENTUM,
     ANGULAR_VELOCITY,
@@ -47,7 +51,7 @@ from sim.rod_memory import (
 )
 from sim.rod_rest import set_rest
 from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
-from softbot.errors import InputError, SimulationError
+from softbot.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -141,6 +145,7 @@ class RodTwin:
         if stretches:
             self._state.strain[-1] = self._state.rest_strain[-1] = 1.0
         self._row = np.zeros((1, ROW_SIZE))
+        self._ghost: RodTwin | None = None
         self.set_rest(np.array([1.0, 0.0, 0.0]), body.rest_stiffness())
         self._find_natural_rates()
 
@@ -247,8 +252,8 @@ class RodTwin:
     def play(self, drive: FloatArray, samples: int, steps: int) -> FloatArray:
         """Advance by `samples` times `steps` steps, driven by `drive` (`sim.rod_drive.drive_array`).
 
-        Returns a row of `sim.motion_rows` after each sample, shape (samples, ROW_SIZE). Raises SimulationError when
-        the state is no longer finite.
+        Returns a row of `sim.motion_rows` after each sample, shape (samples, ROW_SIZE). Raises BrokenOff, with the rows
+        that were played, when the state is no longer finite.
         """
         rows = np.empty((samples, ROW_SIZE))
         self._play(drive, samples, steps, rows)
@@ -257,9 +262,10 @@ class RodTwin:
     def _play(self, drive: FloatArray, samples: int, steps: int, rows: FloatArray) -> None:
         done = play(self._memory, self._layout, self._physics, drive, samples, steps, rows)
         if done < samples:
-            raise SimulationError(
+            raise BrokenOff(
                 f"the rod twin left its range at t = {self.t_s:.4g} s (a strain or a speed is not finite, or the tube "
-                "shrank to nothing): use a milder command or a heavier, softer or more damped robot"
+                "shrank to nothing): use a milder command or a heavier, softer or more damped robot",
+                rows[:done],
             )
 
     def strain(self) -> FloatArray:
@@ -302,6 +308,54 @@ class RodTwin:
     def symmetric(self) -> bool:
         """Whether the tube is its own mirror image about x = 0."""
         return self._physics.mirrored
+
+    @property
+    def modes(self) -> int:
+        """Shape functions of each bend and of the twist."""
+        return self._modes
+
+    @property
+    def radius_m(self) -> float:
+        """Of the tube [m]."""
+        return self._body.radius_m
+
+    def copy(self) -> RodTwin:
+        """Another twin in the same state, which goes its own way."""
+        other = copy.copy(self)
+        other._memory, other._row, other._ghost = self._memory.copy(), self._row.copy(), None
+        other._state, other._rule, other._contacts, other._work, _ = carve(other._memory, self._layout)
+        return other
+
+    def instant(self) -> Instant:
+        """What the robot's pose, shape and motion follow from now."""
+        state = self._state
+        row = self._look()
+        parts = (state.position_m, state.rotation, state.strain, state.velocity, state.momentum, state.flag, row)
+        return Instant(*(part.copy() for part in parts))
+
+    def between(self, start: Instant, end: Instant, count: int) -> Iterator[tuple[FloatArray, RodTwin]]:
+        """Row of motion and rod, as it was, at each of the `count` − 1 instants between two ends of a step.
+
+        The rod is the same one each time, and each time it is elsewhere.
+        """
+        if self._ghost is None:
+            self._ghost = self.copy()
+        for instant in instants_between(start, end, count, self.modes, self.radius_m):
+            row = self._ghost._show(instant)
+            for column in (motion_rows.TIME, motion_rows.ENERGY, motion_rows.WORK):
+                row[column] = instant.row[column]
+            yield row, self._ghost
+
+    def _show(self, instant: Instant) -> FloatArray:
+        """Take pose, shape and motion of another instant; the row of motion there. Not to be stepped from."""
+        state = self._state
+        for part, value in zip(
+            (state.position_m, state.rotation, state.strain, state.velocity, state.momentum, state.flag),
+            instant[:-1],
+            strict=True,
+        ):
+            part[...] = value
+        return self.row()
 
     def shape(self) -> tuple[FloatArray, FloatArray]:
         """Centre line (n, 3) [m] and section axis e1 (n, 3) along the robot now, equally spaced, ends included."""
