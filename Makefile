@@ -14,7 +14,7 @@ demo: $(READY) ## run the paper's experiment into runs/demo
 test: $(READY) ## the default tests, with their coverage (at least 90 % of the lines)
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=term:skip-covered --cov-fail-under=90
 
-coverage-protocol: $(READY) ## every line and branch of the protocol and the board's rules is tested
+coverage-protocol: $(READY) ## every line and branch of firmware_protocol is tested
 	$(BIN)/python -m pytest -n 2 tests/firmware_protocol --cov --cov-config=.ci/coverage_protocol.ini \
 	  --cov-report=term-missing:skip-covered --cov-fail-under=100
 

@@ -31,7 +31,20 @@ from sim.motion_rows import (
 from sim.rod_drive import hold
 from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
 from sim.rod_kernel import play
-from sim.rod_memory import ADVICE, ASLEEP, CREATED, KINKED, RESTED, TIME, WORK, Layout, Physics, carve, rod_memory
+from sim.rod_memory import (
+    ADVICE,
+    ASLEEP,
+    AUDITED,
+    CREATED,
+    KINKED,
+    RESTED,
+    TIME,
+    WORK,
+    Layout,
+    Physics,
+    carve,
+    rod_memory,
+)
 from sim.rod_rest import set_rest
 from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
 from softbot.errors import InputError, SimulationError
@@ -42,6 +55,8 @@ FloatArray = NDArray[np.float64]
 _CONTACT_SINK = {NO_GROUND: 0.01, PLANE: 0.01, STEP: 0.001, PIPE: 0.001}
 _STUBBY, _STUBBY_SINK = 6.0, 0.005  # a tube shorter than so many radii stands unevenly on its friction
 _CONTACT_DAMPING_RATIO = 1.0
+# steps that resolve a bounce have to resolve it on firm ground too; others may have that as hard as they like
+_UNRESOLVED_FIRMNESS, _FIRMNESS = 25.0, (20.0, 1000.0)
 _LEAST_GRAVITY_M_S2 = 1.0  # for the ground's stiffness, where there is less or none
 _SLEEP_SPEED = 1e-5  # of √(gR): slower is at rest
 _OUTLINE_PLACES = 17  # on each half of the tube, the middle counted twice
@@ -187,6 +202,7 @@ class RodTwin:
         self._state.position_m[2] += lift_m
         base = self._work.column[: self._layout.base].astype(int)
         self._state.velocity[base] = velocity[base]
+        self._state.flag[AUDITED] = 0.0  # other energy than it had
         self.wake()
 
     def wake(self) -> None:
@@ -368,6 +384,7 @@ def _physics(
         step_s=float(step_s),
         tolerance=float(tolerance),
         radius_m=float(body.radius_m),
+        tightest_1_m=float(min(1.0 / body.radius_m, 2.0 * math.pi / body.length_m)),
         length_m=float(body.length_m),
         mass_kg=float(body.mass_kg),
         gravity_x_m_s2=float(gravity[0]),
@@ -386,6 +403,7 @@ def _physics(
         friction=float(world.friction * (body.length_m / body.mass_kg if viscous else 1.0)),
         resistance_m2_s2=float(world.rolling_resistance_N_m / body.mass_kg) if layout.resists else 0.0,
         contact_stiffness_1_s2=float(stiffness_1_s2),
+        firmness=float(np.clip(_UNRESOLVED_FIRMNESS * stiffness_1_s2 * step_s**2, *_FIRMNESS)),
         contact_damping_1_s=float(2.0 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_1_s2)),
         sleep_speed_m_s=float(_SLEEP_SPEED * math.sqrt(max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) * body.radius_m)),
     )

@@ -50,6 +50,8 @@ class FixedRate:
         self._woke_s: float | None = None
         self.missed_now = 0
         """Deadlines that the last `wait` left out."""
+        self.late_s = 0.0
+        """How long after the newest deadline the last `wait` returned, below a period."""
         self._missed, self._busy_s = 0, 0.0
         self._lateness = Durations()
 
@@ -65,6 +67,7 @@ class FixedRate:
         late_s = now_s - deadline_s
         behind = int(late_s / self._period_s)
         self.missed_now = behind
+        self.late_s = late_s - behind * self._period_s
         self._missed += behind
         self._deadline += behind + 1
         self._lateness.add(late_s)

@@ -231,8 +231,8 @@ def rig(damaged_scene: Callable[..., Scene], gains: PressureLoopGains) -> Iterat
     wall_clock.warm_up(scene)
     wall_clock.rehearse_plant(scene, gains)
     patch = pytest.MonkeyPatch()
-    patch.setattr(wall_clock, "warm_up", lambda scene: None)  # done, for all processes that are forked from here
-    patch.setattr(wall_clock, "rehearse_plant", lambda scene, gains: None)
+    patch.setattr(wall_clock, "warm_up", lambda *_: None)  # done, for all processes that are forked from here
+    patch.setattr(wall_clock, "rehearse_plant", lambda *_: None)
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     made = Rig(scene, gains)
     made.start_plant()

@@ -49,7 +49,9 @@ def test_a_cycle_that_takes_too_long_misses_the_deadlines_within_it() -> None:
     loop.wait()
     clock.now_s += 0.035
     assert loop.wait() == pytest.approx(0.035)  # at once: it is late already …
+    assert (loop.missed_now, loop.late_s) == (2, pytest.approx(0.005))
     assert loop.wait() == pytest.approx(0.04)  # … and then on the old grid, without a burst
+    assert (loop.missed_now, loop.late_s) == (0, pytest.approx(0.0))
     timing = loop.timing()
     assert timing.missed_deadlines == 2
     assert timing.cycles == 3

@@ -14,7 +14,9 @@ from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 
 from sim.body import Body, Twin, World
+from sim.motion_rows import CURVATURE, ENERGY, WORK
 from sim.rod import RodTwin
+from sim.rod_drive import hold
 from softbot.errors import InputError, SimulationError
 from softbot.rolling import coulomb_advance_ratio, floating_ratio, viscous_advance_ratio
 
@@ -299,9 +301,9 @@ def test_rolling_is_one_backward_revolution_a_cycle_and_hardly_depends_on_the_st
 
 def test_a_fast_sequence_unlocks() -> None:
     slow = roll(rod(world=FLOOR), BODY, 6.0, 0.25, 6.0, settle=4.0)
-    fast = roll(rod(world=FLOOR, step_s=0.002), BODY, 6.0, 0.1, 10.0, settle=10.0)
+    fast = roll(rod(world=FLOOR, step_s=0.002), BODY, 6.0, 0.08, 10.0, settle=10.0)
     assert slow.revolutions == pytest.approx(-6.0, abs=0.05)
-    assert abs(fast.revolutions) < 9.5
+    assert abs(fast.revolutions) < 8.5
 
 
 @pytest.mark.slow
@@ -326,6 +328,40 @@ def test_a_resting_rod_carries_its_weight_evenly_and_sinks_by_a_hundredth_of_its
     np.testing.assert_allclose(twin._contacts.load_m_s2[0], 9.81, rtol=1e-6)
     assert twin.motion().centre_of_mass_m[2] == pytest.approx(0.99 * RADIUS_M, rel=1e-6)
     assert np.linalg.norm(twin.motion().mid_velocity_m_s) < 1e-9
+
+
+@pytest.mark.parametrize("contact_points", [12, 24, 48])
+def test_the_tips_of_a_heavy_arch_sink_no_deeper_than_firm_ground(contact_points: int) -> None:
+    heavy = replace(BODY, mass_kg=0.5)
+    arch = RodTwin(
+        heavy, FLOOR, modes=5, contact_points=contact_points, step_s=0.02, stretches=False, symmetric=True, twists=False
+    )
+    arch.set_rest(np.array([1.0, 0.0, -4.0 / LENGTH_M]), heavy.rest_stiffness())
+    for _ in range(300):
+        arch.step()
+        arch.halt()
+    assert 0.012 * RADIUS_M < arch.penetration_m < 0.02 * RADIUS_M
+
+
+def test_a_kinked_tube_bends_no_further_than_till_its_ends_meet() -> None:
+    """Without damping and far past the kink: what it swings past a full circle by is little."""
+    kink_1_m = 5.0
+    soft = replace(BODY, ovalisation_m2=1.0 / (3.0 * kink_1_m**2), damping_time_s=0.0)
+    tube = rod(soft, step_s=0.001)
+    tube.set_rest(np.array([1.0, 12.0, 0.0]), soft.rest_stiffness())
+    rows = tube.play(hold(), 600, 1)
+    assert 2.0 * math.pi < LENGTH_M * np.linalg.norm(rows[:, CURVATURE], axis=1).max() < 4.0 * math.pi
+    assert (rows[:, ENERGY] - rows[:, WORK]).max() < 1e-2 * tube.work_J
+
+
+def test_the_first_step_makes_no_energy() -> None:
+    """A slow throw into the ground, with a step far longer than the blow."""
+    thrown = rod(replace(BODY, mass_kg=1.4), replace(FLOOR, friction=0.2), step_s=0.02)
+    thrown.throw(0.0, np.array([0.0, -0.01, 0.05, 2.0, 0.0, 0.0]))
+    before_J = thrown.energy_J()
+    kinetic_J = 0.5 * 1.4 * (0.01**2 + 0.05**2)
+    thrown.step()
+    assert thrown.energy_J() <= before_J + 0.05 * kinetic_J
 
 
 def test_a_dropped_rod_comes_to_rest() -> None:
