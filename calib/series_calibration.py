@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from calib.fit import Geometry
 from calib.identifiability import directions, sentences
 from calib.recording import Trial, trials_of
 from calib.series_choice import Choice, LeftOut, choose_series, scaled_error
-from calib.series_fit import SeriesFit, relative_error
+from calib.series_fit import SeriesFit, relative_error, trial_weights
 from calib.series_model import RECOVERY_TIME_S, SeriesModel
 from softbot.errors import InputError
 from softbot.robot import ROBOT_SCHEMA, Robot
@@ -32,6 +32,9 @@ MATERIALS_TRIED = ("gent", "yeoh", "neo-hookean", "linear")
 _ASSUMED_LENGTH_M = 0.15
 _ASSUMED_SLENDERNESS = 15.0
 _PRESSURE_RESERVE = 1.1
+_NOISE_DRAWS = 12
+GRID_ERROR = 0.012
+"""Of a logarithm: by so much parameters of robots that are recorded without noise come out wrong."""
 
 PLAIN = {
     "filling_time": "the line's filling time",
@@ -311,14 +314,40 @@ def materials_of(law: str) -> tuple[str, ...]:
 
 
 def covariance_of(fit: SeriesFit, trials: Sequence[Trial]) -> tuple[FloatArray, FloatArray]:
-    """Covariance and information of the coordinates, shape (c, c), widened for residuals that follow each other."""
+    """Covariance and information of the coordinates, shape (c, c), widened for residuals that follow each other.
+
+    The covariance has the noise of the pressures besides: plays follow its crests, which bends the fit to one side, so
+    what more of the same noise would do to the coordinates is added (the first step of SIMEX; Cook, Stefanski 1994);
+    and `GRID_ERROR`, which the calibration's own steps in time make.
+    """
     residual, jacobian = fit.residual, fit.jacobian
     counts = np.cumsum([len(trial.t_s) for trial in trials])[:-1]
     times = [autocorrelation_time(part) for part in np.split(residual, counts)]
     freedom = max(len(residual) - jacobian.shape[1], 1)
     variance = max(float(residual @ residual) / freedom, 1e-12) * float(np.mean(times))
-    information = jacobian.T @ jacobian / variance
-    return np.linalg.pinv(information, rcond=1e-12, hermitian=True), information
+    normal = jacobian.T @ jacobian
+    inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+    moved = [inverse @ (jacobian.T @ change) for change in _by_noise(fit, trials)]
+    covariance = variance * inverse + sum(np.outer(one, one) for one in moved) / len(moved)
+    return covariance + GRID_ERROR**2 * np.eye(len(normal)), normal / variance
+
+
+def _by_noise(fit: SeriesFit, trials: Sequence[Trial]) -> list[FloatArray]:
+    """How the weighted residuals move, shape (rows,), with as much noise again on the pressures; several draws."""
+    rng = np.random.default_rng(0)
+    prediction, weights = fit.prediction, trial_weights(trials)
+    before = [prediction.bend_rad(trial) for trial in trials]
+    moved = []
+    for _ in range(_NOISE_DRAWS):
+        parts = []
+        for n, trial in enumerate(trials):
+            pressure_Pa = trial.pressure_Pa.copy()
+            draw = rng.standard_normal((len(trial.grid_s), len(trial.driven)))
+            pressure_Pa[:, list(trial.driven)] += trial.noise_Pa[:, None] * draw
+            after = prediction.bend_rad(replace(trial, pressure_Pa=pressure_Pa))
+            parts.append(weights[n] * fit.scale[n] * (after - before[n]))
+        moved.append(np.concatenate(parts))
+    return moved
 
 
 def autocorrelation_time(residual: FloatArray) -> float:

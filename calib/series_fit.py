@@ -117,6 +117,12 @@ def starts_of(model: SeriesModel, trials: Sequence[Trial]) -> list[FloatArray]:
     return found
 
 
+def trial_weights(trials: Sequence[Trial]) -> list[float]:
+    """What a bend of each trial counts [1/rad]."""
+    mean = np.mean([len(trial.t_s) for trial in trials])
+    return [math.sqrt(mean / len(trial.t_s)) / trial.full_scale_rad for trial in trials]
+
+
 def relative_error(bend_rad: FloatArray, trial: Trial) -> float:
     """Root mean square of model less measured over the trial's full scale."""
     return float(np.sqrt(np.mean((bend_rad - trial.bend_rad) ** 2))) / trial.full_scale_rad
@@ -128,8 +134,7 @@ class _Problem:
     def __init__(self, model: SeriesModel, trials: Sequence[Trial]) -> None:
         self.model, self.trials = model, trials
         self._free_scales = len(trials) if len(trials) > 1 else 0
-        mean = np.mean([len(trial.t_s) for trial in trials])
-        self._weights = [math.sqrt(mean / len(trial.t_s)) / trial.full_scale_rad for trial in trials]
+        self._weights = trial_weights(trials)
         self._at: FloatArray | None = None
         self._value: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty((0, 0)))
 

@@ -82,7 +82,11 @@ def render_calibration(calibration: Calibration | SeriesCalibration, judged: Seq
             sections.append(_card("Fitted on one trial, judged on another", _transfer_table(judged), "% of full scale"))
     else:
         sections += [
-            _card("Curves", _svg(draw_table(calibration)), "with the 95 % confidence band"),
+            _card(
+                "Curves",
+                _svg(draw_table(calibration)),
+                "with 95 % bands: of the law (dark), of one more measurement (light)",
+            ),
             _card("Residuals", _svg(draw_residuals(calibration)), "by trial; colour: chambers that were driven"),
             _card("Errors", _error_table(report), "in % of full scale"),
         ]
