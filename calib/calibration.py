@@ -117,6 +117,22 @@ class Calibration:
         bend, length = (self.t_quantile * one for one in spread)
         return bend, length
 
+    def prediction_half_bands(self, pressure_Pa: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Half widths of the 95 % bands in which one more measured bend [rad] or length [m] lies, shape (n,) each.
+
+        Those of `half_bands` and the spread of the loading rows about the law, along their bend.
+        """
+        loading = self.table.rows(self.table.loading)
+        bend, length = self.bend_and_length(loading.pressure_Pa)
+        share = self.fit.degrees_of_freedom / max(self.fit.degrees_of_freedom + len(self.fit.theta), 1)
+        sure = self.half_bands(pressure_Pa)
+        bands = []
+        for band, off in zip(sure, (loading.bend_rad - np.hypot(*bend.T), loading.length_m - length), strict=True):
+            measured = off[np.isfinite(off)]
+            spread = float(np.mean(measured**2)) / max(share, 0.1) if len(measured) else math.nan
+            bands.append(np.sqrt(band**2 + self.t_quantile**2 * spread))
+        return bands[0], bands[1]
+
     def robot(self, name: str) -> Robot:
         """The calibrated robot."""
         return check(Robot, self.robot_table(name), f"{self.table.source}: the calibrated robot")

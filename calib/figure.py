@@ -1,4 +1,4 @@
-"""Picture of a calibration: the table, the fitted law and its 95 % confidence band.
+"""Picture of a calibration: the table, the fitted law and its 95 % bands of confidence and of prediction.
 
 Rows are put on curves by which chambers they drive: a curve starts where all chambers have the table's pressure at
 rest and ends where the driven ones have the largest. Tables with more combinations of chambers than a picture can
@@ -45,7 +45,7 @@ def write_figure(figure: Figure, path: Path) -> None:
 
 
 def draw_table(calibration: Calibration) -> Figure:
-    """Bend, and length where it was measured, over pressure: rows, law and 95 % confidence band."""
+    """Bend, and length where it was measured, over pressure: rows, law and 95 % bands."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -98,11 +98,12 @@ def _curves(
         path_Pa[:, driven] = np.linspace(low_Pa[driven], np.full(len(driven), top_Pa), _POINTS)
         name = _chambers(tuple(driven))
         curves, bands = calibration.bend_and_length(path_Pa), calibration.half_bands(path_Pa)
+        wide = calibration.prediction_half_bands(path_Pa)
         bend_deg = np.degrees(np.hypot(*curves[0].T))
         across = np.mean(path_Pa[:, driven], axis=1) / 1e3
-        _panel(axes[0], colour, name, across, bend_deg, np.degrees(bands[0]), 0.0)
+        _panel(axes[0], colour, name, across, bend_deg, np.degrees([bands[0], wide[0]]), 0.0)
         if len(axes) > 1:
-            _panel(axes[1], colour, name, across, 1e3 * curves[1], 1e3 * bands[1], -np.inf)
+            _panel(axes[1], colour, name, across, 1e3 * curves[1], 1e3 * np.array([bands[1], wide[1]]), -np.inf)
     released = np.flatnonzero(~table.loading)
     if released.size:
         _points(
@@ -117,9 +118,11 @@ def _curves(
 
 
 def _panel(
-    axis: Axes, colour: str, name: str, across: FloatArray, curve: FloatArray, band: FloatArray, least: float
+    axis: Axes, colour: str, name: str, across: FloatArray, curve: FloatArray, bands: FloatArray, least: float
 ) -> None:
-    axis.fill_between(across, np.maximum(curve - band, least), curve + band, color=colour, alpha=0.15, linewidth=0)
+    """A curve with its bands, half widths of shape (2, n): of the law, and of one more measurement."""
+    for band, alpha in zip(bands, (0.18, 0.07), strict=True):
+        axis.fill_between(across, np.maximum(curve - band, least), curve + band, color=colour, alpha=alpha, linewidth=0)
     axis.plot(across, curve, color=colour, label=name)
 
 

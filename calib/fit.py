@@ -98,10 +98,12 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
     _check_dead_band(loading, fit)
     release = fit_release(fit, table, rows)
     errors = _errors(table, loading, fit, left_out, rows, release, bend_repeat, length_repeat)
-    quantile = float(stats.t.ppf(0.975, max(fit.degrees_of_freedom, 1)))
-    parameters = _parameters(fit, quantile)
+    quantile = _quantile(fit)
+    equals = _equals(fit, tried)
+    parameters = _widened(_parameters(fit, quantile), [_parameters(one, _quantile(one)) for one in equals])
     if release is not None:
-        parameters["residual_share"] = Estimate(release.share, release.low, release.high, "1", True)
+        others = [fit_release(one, table, rows) for one in equals]
+        parameters |= _widened(_released(release), [_released(one) for one in others if one is not None])
     warnings += _warnings(table, loading, fit, errors, parameters, rows)
     ranked = sorted(tried, key=lambda one: (one[0] is not fit, one[1].score))
     return Calibration(
@@ -240,10 +242,15 @@ def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
 
 
 def _choose(tried: list[tuple[Fit, LeaveOneOut]]) -> tuple[Fit, LeaveOneOut]:
-    best = min(left_out.score for _, left_out in tried)
-    worthy = [one for one in tried if one[1].score <= _WORTH * best]
+    worthy = _worthy(tried)
     simplest = min(len(fit.theta) for fit, _ in worthy)
     return min((one for one in worthy if len(one[0].theta) == simplest), key=lambda one: one[1].score)
+
+
+def _worthy(tried: list[tuple[Fit, LeaveOneOut]]) -> list[tuple[Fit, LeaveOneOut]]:
+    """Those that predict about as well as the best."""
+    best = min(left_out.score for _, left_out in tried)
+    return [one for one in tried if one[1].score <= _WORTH * best]
 
 
 def _averaged(table: BendTable, warnings: list[str]) -> BendTable:
@@ -391,6 +398,33 @@ def _parameters(fit: Fit, quantile: float) -> dict[str, Estimate]:
                 low, high = 0.0, float(CHAMBERS)
         estimates[name] = Estimate(middle, low, high, _UNITS.get(name.rpartition("_")[2], "1"), identified)
     return estimates
+
+
+def _quantile(fit: Fit) -> float:
+    return float(stats.t.ppf(0.975, max(fit.degrees_of_freedom, 1)))
+
+
+def _released(release: Release) -> dict[str, Estimate]:
+    return {"residual_share": Estimate(release.share, release.low, release.high, "1", True)}
+
+
+def _equals(fit: Fit, tried: list[tuple[Fit, LeaveOneOut]]) -> list[Fit]:
+    """Fits of the same wall that predict as well as the chosen one, with other things free."""
+    same = [one for one, _ in _worthy(tried) if one is not fit and one.model.material == fit.model.material]
+    return [one for one in same if one.degrees_of_freedom > 0]
+
+
+def _widened(parameters: dict[str, Estimate], others: list[dict[str, Estimate]]) -> dict[str, Estimate]:
+    """Intervals that hold those of other models too, which are as good.
+
+    A parameter that was left out because the table does not ask for it still makes the others uncertain.
+    """
+    widened = dict(parameters)
+    for name, one in ((name, one) for other in others for name, one in other.items()):
+        own = widened.get(name)
+        if own is not None and own.identified and one.identified:
+            widened[name] = replace(own, low=min(own.low, one.low), high=max(own.high, one.high))
+    return widened
 
 
 # --- in words ---------------------------------------------------------------------------------------------

@@ -5,7 +5,8 @@ A hold after a release bends and lengthens the robot as if each chamber still fe
     p_felt = p + s (p_before − p) ,      p_before > p the pressure of the hold before it in the same trial,
 
 which is the residual strain of `softbot.memory.residual` some time after the release. The law of the loading rows is
-left as it is; s alone is fitted (soft-L1, bends and lengths in measuring errors), with its interval from the slope.
+left as it is; s alone is fitted (soft-L1, bends and lengths in measuring errors). Its interval has two parts: that of
+the slope, and that of the law's own coordinates θ, by ∂s/∂θ = −(g·∂r/∂θ)/(g·g) with r the residuals and g = ∂r/∂s.
 Rows whose hold before is not in the table cannot be used.
 """
 
@@ -19,6 +20,7 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from calib.bend_table import BendTable, FloatArray
+from calib.model import Prediction
 from calib.robust_fit import LOSS_SCALE, Fit, Observations, bend_vectors
 
 LARGEST_SHARE = 0.9
@@ -71,11 +73,27 @@ def fit_release(fit: Fit, table: BendTable, errors: Observations) -> Release | N
     slope = (
         weighted(np.array([min(share + 1e-4, LARGEST_SHARE)])) - weighted(np.array([max(share - 1e-4, 0.0)]))
     ) / 2e-4
-    spread = float(np.sum(weighted(found.x) ** 2)) / max(numbers - 1, 1)
-    half = float(stats.t.ppf(0.975, max(numbers - 1, 1))) * math.sqrt(
-        max(spread, 1e-12) / max(float(slope @ slope), 1e-12)
-    )
+    steepness = max(float(slope @ slope), 1e-12)
+    spread = max(float(np.sum(weighted(found.x) ** 2)) / max(numbers - 1, 1), 1e-12)
+    law = fit.model.predict(fit.theta, rows.pressure_Pa + share * lost_Pa)
+    by_law = _by_coordinates(law, rows, errors)
+    seen = np.isfinite(np.diag(fit.covariance))
+    moved = -(slope @ by_law)[seen] / steepness
+    variance = spread / steepness + float(moved @ fit.covariance[np.ix_(seen, seen)] @ moved)
+    half = float(stats.t.ppf(0.975, max(numbers - 1, 1))) * math.sqrt(variance)
     return Release(share, max(share - half, 0.0), min(share + half, LARGEST_SHARE), rows, before_Pa, bend, length)
+
+
+def _by_coordinates(prediction: Prediction, rows: BendTable, errors: Observations) -> FloatArray:
+    """Slopes of the weighted residuals by the law's coordinates, shape (k, m)."""
+    size = np.maximum(np.hypot(*prediction.bend_rad.T), 1e-12)
+    along = np.einsum("ni,nim->nm", prediction.bend_rad / size[:, None], prediction.bend_by_coordinate)
+    sized = np.stack([along, np.zeros_like(along)], axis=1)
+    directed = np.isfinite(rows.direction_rad)[:, None, None]
+    bend = np.where(directed, prediction.bend_by_coordinate, sized).reshape(-1, along.shape[1])
+    measured = np.isfinite(rows.length_m)
+    length = prediction.length_by_coordinate[measured]
+    return -np.vstack([bend / errors.bend_error_rad, length / errors.length_error_m])
 
 
 def _released(table: BendTable) -> tuple[BendTable, FloatArray]:

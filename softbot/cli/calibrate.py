@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console
     from rich.table import Table
 
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    table: Annotated[Path, typer.Argument(help="CSV or .xlsx with pressures and bends: pressure_kPa,bend_deg …")],
+    table: Annotated[
+        Path | None, typer.Argument(help="CSV or .xlsx with pressures and bends: pressure_kPa,bend_deg …")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Robot file to write (TOML).")] = None,
     length_mm: Annotated[float | None, typer.Option(help="Length at rest; else from the table, or assumed.")] = None,
     radius_mm: Annotated[float | None, typer.Option(help="Outer radius; else fitted, or assumed.")] = None,
@@ -42,6 +46,10 @@ def calibrate(
     memory: Annotated[
         bool, typer.Option(help="Of a table of holds: write what stays after a release as [memory], too.")
     ] = False,
+    self_test: Annotated[
+        int | None,
+        typer.Option(metavar="ROBOTS", min=1, max=10_000, help="No table: calibrate random robots that are known."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Fit the actuator law to a measured table or recording and write a robot file.
@@ -55,6 +63,13 @@ def calibrate(
 
     from softbot.errors import InputError
 
+    if self_test is not None:
+        if table is not None:
+            raise InputError(f"{table}: --self-test makes its own tables; leave one of the two out")
+        _self_test(self_test, json)
+        return
+    if table is None:
+        raise InputError("no table: name a CSV or .xlsx file (or ask for --self-test 100)")
     files = {name: path for name, path in (("--out", out), ("--plot", plot), ("--report", report)) if path is not None}
     for option, path in files.items():
         if path.exists() and table.exists() and path.samefile(table):
@@ -118,6 +133,40 @@ def calibrate(
     for label, written in (("robot", out), ("plot", plot), ("page", report)):
         if written is not None:
             typer.echo(f"{label}: {written}")
+
+
+def _self_test(robots: int, json: bool) -> None:
+    """Print how often known robots lie in the intervals that are found for them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from softbot.cli.streams import messages
+
+    with messages().status("compiling …") as status:
+        from calib.self_test import holds_coverage, recordings_coverage
+
+        def tell(what: str, of: int) -> Callable[[int], None]:
+            return lambda done: status.update(f"{what}: {done} of {of} robots")
+
+        recorded = max(robots // 5, 1)
+        found = {
+            "tables of holds": holds_coverage(robots, told=tell("tables of holds", robots)),
+            "recordings": recordings_coverage(recorded, told=tell("recordings", recorded)),
+        }
+    if json:
+        print(json_format.dumps({"kind": "self-test", **{what: one.report() for what, one in found.items()}}))
+        return
+    for what, one in found.items():
+        report = one.report()
+        table = Table(
+            title=f"{what}: {one.robots} robots, {report['share_percent']:.1f} % inside", title_justify="left"
+        )
+        table.add_column("true value inside its 95 % interval or band")
+        for heading in ("inside", "of", "%"):
+            table.add_column(heading, justify="right")
+        for name, (inside, of) in (report["parameters"] | report["bands"]).items():
+            table.add_row(name, str(inside), str(of), f"{100.0 * inside / of:.1f}")
+        Console().print(table)
 
 
 def _save_plot(calibration: Calibration | SeriesCalibration, plot: Path) -> None:

@@ -1,7 +1,8 @@
 """A loop at a fixed rate on the machine's clock: absolute deadlines, and how well they were kept.
 
 Deadlines are start + n × period, so that a late cycle does not shift the ones after it. A cycle that is late by a
-period or more has missed the deadlines in between; they are left out, not made up for in a burst.
+period or more has missed the deadlines in between; they are left out, not made up for in a burst. The time of a cycle
+is that of its deadline: rates are then free of the jitter of waking up, and a time-out of so many periods is that many.
 """
 
 from __future__ import annotations
@@ -50,13 +51,11 @@ class FixedRate:
         self._woke_s: float | None = None
         self.missed_now = 0
         """Deadlines that the last `wait` left out."""
-        self.late_s = 0.0
-        """How long after the newest deadline the last `wait` returned, below a period."""
         self._missed, self._busy_s = 0, 0.0
         self._lateness = Durations()
 
     def wait(self) -> float:
-        """Sleep until the next deadline; the time since the start [s]."""
+        """Sleep until the next deadline; the time of the newest one that has passed, since the start [s]."""
         now_s = self._clock()
         if self._woke_s is not None:
             self._busy_s += now_s - self._woke_s
@@ -67,12 +66,11 @@ class FixedRate:
         late_s = now_s - deadline_s
         behind = int(late_s / self._period_s)
         self.missed_now = behind
-        self.late_s = late_s - behind * self._period_s
         self._missed += behind
         self._deadline += behind + 1
         self._lateness.add(late_s)
         self._woke_s = now_s
-        return now_s - self._start_s
+        return (self._deadline - 1) * self._period_s
 
     def timing(self) -> LoopTiming:
         """What was measured so far."""

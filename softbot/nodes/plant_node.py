@@ -74,12 +74,8 @@ class PlantNode:
         self._main_supply_open = False
         self._command_Pa: FloatArray = np.zeros(CHAMBER_COUNT)
 
-    def cycle(self, t_s: float, frames: Iterable[Frame], late_s: float = 0.0) -> list[Frame]:
-        """The board's cycle at `t_s` on its own clock: what came since the last one in, what is due out.
-
-        `late_s`: how long before `t_s` the cycle was due. The robot stands where it stood then, and so the
-        measurements say; a wake-up that is late by half a period would halve the next rate of pressure otherwise.
-        """
+    def cycle(self, t_s: float, frames: Iterable[Frame]) -> list[Frame]:
+        """The board's cycle at `t_s` on its own clock: what came since the last one in, what is due out."""
         for frame in frames:
             received = self.rules.receive(frame.frame_id, frame.data, t_s)
             if received.status.accepted:
@@ -96,7 +92,7 @@ class PlantNode:
             self._opening = self._valves.openings(self._command_Pa, readings)
         self._recorder.stop_clock()
         return self.rules.outgoing(t_s) + self.rules.measurements(
-            t_s - late_s,
+            t_s,
             pressures_Pa=readings.pressure_Pa.tolist(),
             openings=self._opening.tolist(),
             supply_pressure_Pa=readings.supply_Pa,

@@ -12,7 +12,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Union, cast
@@ -232,7 +231,7 @@ class LostBus:
 def exchange_or_vent(end: BusEnd, node: PlantNode, t_s: float, lost: LostBus | None) -> LostBus | None:
     """The board's cycle on the bus; on one that fails, with the robot vented. Raises SimulationError in the end."""
     try:
-        end.exchange(t_s, partial(node.cycle, late_s=end.loop.late_s), node.rules.report_bus)
+        end.exchange(t_s, node.cycle, node.rules.report_bus)
     except BusError as error:
         node.vent(SafeReason.BUS_OFF)
         node.cycle(t_s, ())

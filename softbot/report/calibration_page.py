@@ -82,7 +82,11 @@ def render_calibration(calibration: Calibration | SeriesCalibration, judged: Seq
             sections.append(_card("Fitted on one trial, judged on another", _transfer_table(judged), "% of full scale"))
     else:
         sections += [
-            _card("Curves", _svg(draw_table(calibration)), "with the 95 % confidence band"),
+            _card(
+                "Curves",
+                _svg(draw_table(calibration)),
+                "with 95 % bands: of the law (dark), of one more measurement (light)",
+            ),
             _card("Residuals", _svg(draw_residuals(calibration)), "by trial; colour: chambers that were driven"),
             _card("Errors", _error_table(report), "in % of full scale"),
         ]
@@ -134,7 +138,7 @@ def _facts(report: dict[str, Any], recorded: bool) -> list[str]:
 def _band_words(report: dict[str, Any]) -> str:
     coverage = report["band_coverage_percent"]
     return f"band: ±{report['band_percent']:.0f} % of full scale, 95 % of a trial that was left out" + (
-        "" if coverage is None else f"; it holds {coverage:.0f} % of the measured rows"
+        "" if coverage is None else f"; the other trials' band holds {coverage:.0f} % of their rows"
     )
 
 

@@ -125,3 +125,20 @@ def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="two things"):
         calibrate(ARM, out=one, report=tmp_path / "." / "one.html")
     assert not one.exists()
+
+
+def test_known_robots_are_counted_without_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    calibrate(self_test=2, json=True)
+    report = json.loads(capsys.readouterr().out)
+    assert report["tables of holds"]["robots"] == 2
+    assert report["recordings"]["robots"] == 1
+    assert 0.0 < report["tables of holds"]["share_percent"] <= 100.0
+    inside, of = report["recordings"]["parameters"]["creep_time_s"]
+    assert 0 <= inside <= of == 1
+
+
+def test_a_table_is_needed_and_one_thing_at_a_time() -> None:
+    with pytest.raises(InputError, match="no table"):
+        calibrate()
+    with pytest.raises(InputError, match="leave one of the two out"):
+        calibrate(ARM, self_test=2)

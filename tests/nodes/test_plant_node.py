@@ -70,15 +70,6 @@ def test_before_it_is_armed_the_robot_is_vented_and_the_supply_is_shut(bench: Be
     assert set(bench.column("command_0_Pa")) == {0.0}
 
 
-def test_a_late_cycle_says_when_its_sampling_was_due(bench: Bench) -> None:
-    stamps_s = []
-    for t_s, late_s in ((0.0, 0.0), (0.019, 0.009), (0.0201, 0.0001), (0.035, 0.005)):
-        for frame in bench.node.cycle(t_s, [], late_s=late_s):
-            bench.link.receive(frame.frame_id, frame.data, t_s)
-        stamps_s.append(bench.link.readings.sample_time_s)
-    assert stamps_s == [0.0, 0.01, 0.02, 0.03]
-
-
 def test_armed_it_holds_the_pressures_it_is_asked_for(bench: Bench) -> None:
     bench.link.arm()
     bench.setpoint_Pa = [60e3, 0.0, 25e3, 0.0]

@@ -100,14 +100,23 @@ def test_both_ends_meet_on_a_bus_and_stop_when_told(
     assert loop["cycles"] == sequenced.timing.loop.cycles
 
 
+class Gone(Exception):
+    """The plant's process is no more."""
+
+
 def test_a_plant_that_falls_silent_ends_the_sequencer(
     make_scene: MakeScene, scripted: Any, gains: PressureLoopGains
 ) -> None:
-    scene = make_scene("solver.duration_s=0.7")
-    other = Thread(lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=scripted()))
+    scene, sequencer = make_scene("solver.duration_s=30"), scripted()
+
+    def die_once_it_is_armed(_t_s: float) -> None:
+        if sequencer.armed_since_s is not None:
+            raise Gone
+
+    other = Thread(lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=sequencer))
     other.start()
-    planted = run_plant(scene, "virtual", "wall-clock-silent", gains=gains)
-    assert planted.result.summary["outcome"] == "done"
+    with pytest.raises(Gone):
+        run_plant(scene, "virtual", "wall-clock-silent", gains=gains, progress=die_once_it_is_armed)
     assert other.finish().link_failure in (LinkFailure.BOARD_SILENT, LinkFailure.MEASUREMENTS_MISSING)
 
 
