@@ -59,8 +59,10 @@ FloatArray = NDArray[np.float64]
 _CONTACT_SINK = {NO_GROUND: 0.01, PLANE: 0.01, STEP: 0.001, PIPE: 0.001}
 _STUBBY, _STUBBY_SINK = 6.0, 0.005  # a tube shorter than so many radii stands unevenly on its friction
 _CONTACT_DAMPING_RATIO = 1.0
-# steps that resolve a bounce have to resolve it on firm ground too; others may have that as hard as they like
-_UNRESOLVED_FIRMNESS, _FIRMNESS = 25.0, (20.0, 1000.0)
+_LIMP, _LIMP_SINK = (
+    40.0,
+    0.002,
+)  # a tube of more than that λgL³/EI may rest as an arch on its tips, a lighter one topples
 _LEAST_GRAVITY_M_S2 = 1.0  # for the ground's stiffness, where there is less or none
 _SLEEP_SPEED = 1e-5  # of √(gR): slower is at rest
 _OUTLINE_PLACES = 17  # on each half of the tube, the middle counted twice
@@ -431,7 +433,11 @@ def _physics(
     stretches: bool,
 ) -> Physics:
     gravity = world.gravity_vector_m_s2
-    sink = min(_CONTACT_SINK[ground], _STUBBY_SINK if body.length_m < _STUBBY * body.radius_m else math.inf)
+    sink = _CONTACT_SINK[ground]
+    if body.length_m < _STUBBY * body.radius_m:
+        sink = min(sink, _STUBBY_SINK)
+    if body.mass_kg * world.gravity_m_s2 * body.length_m**2 > _LIMP * body.bending_stiffness_N_m2:
+        sink = min(sink, _LIMP_SINK)
     stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (sink * body.radius_m)
     viscous = world.friction_law == "viscous"
     return Physics(
@@ -457,7 +463,6 @@ def _physics(
         friction=float(world.friction * (body.length_m / body.mass_kg if viscous else 1.0)),
         resistance_m2_s2=float(world.rolling_resistance_N_m / body.mass_kg) if layout.resists else 0.0,
         contact_stiffness_1_s2=float(stiffness_1_s2),
-        firmness=float(np.clip(_UNRESOLVED_FIRMNESS * stiffness_1_s2 * step_s**2, *_FIRMNESS)),
         contact_damping_1_s=float(2.0 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_1_s2)),
         sleep_speed_m_s=float(_SLEEP_SPEED * math.sqrt(max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) * body.radius_m)),
     )

@@ -2,8 +2,7 @@
 
 A point of the tube touches with a sphere of radius R about it. Per unit mass, so that everything scales:
 
-    normal     N = max(0, −k g⁺ − c v⁺): spring and damper at the end of the step; where the tip of an arch carries
-               what a length of tube should, it sinks to firm ground, on which the spring is `firmness` times as stiff
+    normal     N = max(0, −k g⁺ − c v⁺): spring and damper at the end of the step
     friction   F = −s (k ξ + (hk + c) w⁺), |F| ≤ µN by the share s of sticking; ξ: the bristle, how far the contact has
                slid elastically: at rest it holds for ever, sliding steadily it lies along the slip with |kξ| = µN,
                which is Coulomb's law without a regularising speed
@@ -30,20 +29,12 @@ _ROLL_BRISTLE = 0.01  # rad: rolling gives way elastically by this much before i
 _LOAD_SLACK = 0.02  # of gravity: a load on the wrong side by less is left to the next step
 _FRICTION_SLACK = 0.05  # of the limit
 _LEAST_GRAVITY_M_S2 = 1.0
-_FIRM_DEPTH = 0.015  # of the radius: an even load sinks by less
 
 
 @inner
 def _hand(grain: int) -> float:
     """n × grain has this times (n_z, −n_a) along a and z."""
     return 1.0 if grain == 0 else -1.0
-
-
-@inner
-def _spring(h: float, theta: float, physics: Physics, firm: float) -> tuple[float, float, float]:
-    """Stiffness [1/s²] of a contact, where it would be slack [m], and how far on in the step it acts [s]."""
-    k, lift = physics.contact_stiffness_1_s2, _FIRM_DEPTH * physics.radius_m * (1.0 - 1.0 / physics.firmness)
-    return k * (1.0 + firm * (physics.firmness - 1.0)), firm * lift, h * (theta + firm * (1.0 - theta))
 
 
 @inner
@@ -80,7 +71,6 @@ def find_contacts(
     grain = physics.grain
     across, hand, n = 1 - grain, _hand(grain), rate.shape[1]
     k, c, near = physics.contact_stiffness_1_s2, physics.contact_damping_1_s, _NEAR * physics.radius_m
-    most = k * _FIRM_DEPTH * physics.radius_m
     middle_a = position[across] + 0.5 * h * velocity[across]
     middle_z = position[2] + 0.5 * h * velocity[2]
     along_a, along_z = place_m[across], place_m[2]
@@ -103,8 +93,7 @@ def find_contacts(
         # the rod is placed half a step on: from there back to the step's start, and on to its end as it moves now
         va, vz, end_a, end_z = rate[across], rate[2], ahead[across], ahead[2]
         push_a, push_z = bias[across], bias[2]
-        speed, carries, firm = contacts.approach[0, spot], contacts.grip[0, spot], contacts.grip[3, spot]
-        held = contacts.load_m_s2[spot]
+        speed, carries = contacts.approach[0, spot], contacts.grip[0, spot]
         for i in range(n):
             less = inverse_root[i]
             fall = h * (na[i] * fall_a + nz[i] * fall_z)
@@ -112,9 +101,7 @@ def find_contacts(
             curved = (na[i] * push_a[i] + nz[i] * push_z[i]) * less - fall
             gap[i] += 0.5 * h * now - 0.125 * h * curved
             speed[i] = (na[i] * end_a[i] + nz[i] * end_z[i]) * less
-            firm[i] = 1.0 if held[i] > most else 0.0
-            stiff, slack, on_s = _spring(h, theta, physics, firm[i])
-            load = -stiff * (gap[i] + slack + on_s * fall) - c * (speed[i] + fall)
+            load = -k * (gap[i] + h * theta * fall) - c * (speed[i] + fall)
             carries[i] = 1.0 if load > 0.0 else 0.0
             touching += carries[i]
         end_g, turn_a, turn_z, turn_g = ahead[grain], ahead[3 + across], ahead[5], ahead[3 + grain]
@@ -162,28 +149,21 @@ def contact_rows(
     grain = physics.grain
     across, hand, n = 1 - grain, _hand(grain), root.shape[0]
     k, c = physics.contact_stiffness_1_s2, physics.contact_damping_1_s
-    slip = c + h * k
-    ease, near = k / slip, _NEAR * physics.radius_m
-    soft_k, _, soft_s = _spring(h, theta, physics, 0.0)
-    firm_k, firm_slack, firm_s = _spring(h, theta, physics, 1.0)
-    soft_heavy, soft_lean = np.sqrt(h * (c + soft_s * soft_k)), np.sqrt(h / (c + soft_s * soft_k))
-    firm_heavy, firm_lean = np.sqrt(h * (c + firm_s * firm_k)), np.sqrt(h / (c + firm_s * firm_k))
+    stiff, slip = c + h * theta * k, c + h * k
+    heavy, lean, ease, near = np.sqrt(h * stiff), np.sqrt(h / stiff), k / slip, _NEAR * physics.radius_m
     along_n, along_z, weight = scratch[0], scratch[1], scratch[2]
     for spot in range(contacts.gap_m.shape[0]):
         na, nz, gap = contacts.normal[0, spot], contacts.normal[1, spot], contacts.gap_m[spot]
         speed, carries, share = contacts.approach[0, spot], contacts.grip[0, spot], contacts.grip[1, spot]
-        firm = contacts.grip[3, spot]
         along, sideways = contacts.approach[1, spot], contacts.approach[2, spot]
         bristle_a, bristle_b = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
         press, first, second = (
             contacts.drive[3 * spot], contacts.drive[3 * spot + 1], contacts.drive[3 * spot + 2]
         )  # fmt: skip
         for i in range(n):
-            heavy = soft_heavy + firm[i] * (firm_heavy - soft_heavy)
             along_n[i] = heavy * carries[i] * na[i]
             along_z[i] = heavy * carries[i] * nz[i]
-            lean, stiff = soft_lean + firm[i] * (firm_lean - soft_lean), soft_k + firm[i] * (firm_k - soft_k)
-            press[i] = carries[i] * root[i] * lean * (-stiff * (gap[i] + firm[i] * firm_slack) - c * speed[i])
+            press[i] = carries[i] * root[i] * lean * (-k * gap[i] - c * speed[i])
         for i in range(n):
             if physics.viscous:
                 weight[i] = np.sqrt(h * physics.friction) if gap[i] < near else 0.0
@@ -227,21 +207,19 @@ def _find_ends(
     h: float, theta: float, physics: Physics, contacts: Contacts, inverse_root: FloatArray, change: FloatArray,
     spot: int,
 ) -> None:  # fmt: skip
-    """contacts.ends: load, sliding along the grain and across at the end of the step, what the spring carries of it."""
+    """contacts.ends: load, sliding velocity along the grain and across at the end of the step."""
     grain = physics.grain
     across, hand, n = 1 - grain, _hand(grain), change.shape[1]
-    c, firm = physics.contact_damping_1_s, contacts.grip[3, spot]
+    k, c = physics.contact_stiffness_1_s2, physics.contact_damping_1_s
     na, nz, gap = contacts.normal[0, spot], contacts.normal[1, spot], contacts.gap_m[spot]
     va, vz, vg = change[across], change[2], change[grain]
     turn_a, turn_z, turn_g = change[3 + across], change[5], change[3 + grain]
-    load, along, sideways, sprung = contacts.ends[0], contacts.ends[1], contacts.ends[2], contacts.ends[3]
+    load, along, sideways = contacts.ends[0], contacts.ends[1], contacts.ends[2]
     speed, slide, cross = contacts.approach[0, spot], contacts.approach[1, spot], contacts.approach[2, spot]
     for i in range(n):
         less = inverse_root[i]
         gained = (na[i] * va[i] + nz[i] * vz[i]) * less
-        stiff, slack, on_s = _spring(h, theta, physics, firm[i])
-        sprung[i] = -stiff * (gap[i] + slack + on_s * gained)
-        load[i] = sprung[i] - c * (speed[i] + gained)
+        load[i] = -k * (gap[i] + h * theta * gained) - c * (speed[i] + gained)
         along[i] = slide[i] + less * (vg[i] - 2.0 * hand * (nz[i] * turn_a[i] - na[i] * turn_z[i]))
         sideways[i] = cross[i] + less * (hand * (nz[i] * va[i] - na[i] * vz[i]) + 2.0 * turn_g[i])
 
@@ -258,16 +236,12 @@ def contradicted(
     for spot in range(contacts.gap_m.shape[0]):
         _find_ends(h, theta, physics, contacts, inverse_root, change, spot)
         load, along, sideways, asked = contacts.ends[0], contacts.ends[1], contacts.ends[2], contacts.ends[3]
-        carries, share, firm = contacts.grip[0, spot], contacts.grip[1, spot], contacts.grip[3, spot]
-        sprung, deepest = contacts.ends[3], k * _FIRM_DEPTH * physics.radius_m
+        carries, share = contacts.grip[0, spot], contacts.grip[1, spot]
         wrong = 0.0
         for i in range(n):
             side = 2.0 * carries[i] - 1.0
             if side * load[i] < -slack:
                 carries[i] = 1.0 - carries[i]
-                wrong += 1.0
-            if carries[i] * (2.0 * firm[i] - 1.0) * (sprung[i] - deepest) < -slack:
-                firm[i] = 1.0 - firm[i]
                 wrong += 1.0
         if not physics.viscous:
             first, second = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
@@ -327,7 +301,7 @@ def ground_energy(
 ) -> float:  # fmt: skip
     """What the springs and bristles of the contacts hold [J], the rod as it is placed."""
     across, n = 1 - physics.grain, root.shape[0]
-    deep, total = _FIRM_DEPTH * physics.radius_m, 0.0
+    total = 0.0
     for spot in range(contacts.gap_m.shape[0]):
         first, second = contacts.bristle_m[0, spot], contacts.bristle_m[1, spot]
         for i in range(n):
@@ -335,11 +309,8 @@ def ground_energy(
                 physics.ground, physics.ground_a_m, physics.ground_b_m, spot, position[across] + place_m[across, i],
                 position[2] + place_m[2, i], physics.radius_m,
             )  # fmt: skip
-            sunk = max(-gap, 0.0)
-            beyond = max(sunk - deep, 0.0)
-            total += root[i] ** 2 * (
-                sunk * sunk + (physics.firmness - 1.0) * beyond * beyond + first[i] ** 2 + second[i] ** 2
-            )
+            sunk = min(gap, 0.0)
+            total += root[i] ** 2 * (sunk * sunk + first[i] ** 2 + second[i] ** 2)
     total *= 0.5 * physics.contact_stiffness_1_s2
     if physics.resistance_m2_s2 > 0.0:
         stiffness, _ = _roll_stiffness(physics)

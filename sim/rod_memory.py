@@ -78,8 +78,6 @@ class Physics(NamedTuple):
     resistance_m2_s2: float
     """Moment that resists rolling over the mass."""
     contact_stiffness_1_s2: float
-    firmness: float
-    """Stiffness of the ground below the depth to which an even load sinks, over that above."""
     contact_damping_1_s: float
     sleep_speed_m_s: float
 
@@ -136,8 +134,7 @@ class Contacts(NamedTuple):
     drive: FloatArray
     """Their right side, shape (lines, n)."""
     ends: FloatArray
-    """Load, sliding along the grain and across at the end of the step, then what the spring carries or the share of
-    sticking asked for, shape (4, n)."""
+    """Load, sliding along the grain and across at the end of the step, share of sticking asked for, shape (4, n)."""
     gap_m: FloatArray
     """Of each contact at the end of the step if it moves on as it does, shape (c, n)."""
     normal: FloatArray
@@ -145,8 +142,7 @@ class Contacts(NamedTuple):
     approach: FloatArray
     """Velocity of each contact if it moves on: normal, along the grain, across, shape (3, c, n)."""
     grip: FloatArray
-    """Of each contact: 1 while it carries load; share of sticking; the same for rolling; 1 where it has sunk to firm
-    ground; shape (4, c, n)."""
+    """Of each contact: 1 while it carries load; share of sticking; the same for rolling; shape (3, c, n)."""
 
 
 class Work(NamedTuple):
@@ -289,8 +285,8 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Wo
     normal = flat.reshape(2, spots, points)
     flat, at = _line(memory, at, 3 * touches)
     approach = flat.reshape(3, spots, points)
-    flat, at = _line(memory, at, 4 * touches)
-    grip = flat.reshape(4, spots, points)
+    flat, at = _line(memory, at, 3 * touches)
+    grip = flat.reshape(3, spots, points)
     flat, at = _line(memory, at, columns * columns)
     inertia = flat.reshape(columns, columns)
     flat, at = _line(memory, at, columns * columns)
