@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +75,13 @@ class BendTable:
     def has_length(self) -> bool:
         """Whether any row has a length."""
         return bool(np.any(np.isfinite(self.length_m)))
+
+
+def joined_rows(one: BendTable, other: BendTable) -> BendTable:
+    """The rows of one table and then those of another part of it."""
+    changed = {
+        part.name: np.concatenate([getattr(one, part.name), getattr(other, part.name)])
+        for part in fields(one)
+        if isinstance(getattr(one, part.name), np.ndarray)
+    }
+    return replace(one, **changed)  # type: ignore[arg-type]

@@ -10,12 +10,18 @@ from typing import Any
 import numpy as np
 
 from calib.bend_table import BendTable, FloatArray
+from calib.design import NextRow
+from calib.release import Release
 from calib.robust_fit import Fit
 from softbot.robot import ROBOT_SCHEMA, Robot
 from softbot.toml_file import check
 
 DENSITY_KG_M3 = 1100.0
 DAMPING_TIME_S = 0.02
+ASSUMED_GROWTH_TIME_S = 5.0
+"""Of a residual strain that release holds show: they last long against it."""
+ASSUMED_RECOVERY_TIME_S = 300.0
+"""Of the same: release holds are short against it."""
 _PRESSURE_RESERVE = 1.1  # of the largest pressure in the table: how far the law is trusted beyond it
 
 
@@ -46,7 +52,10 @@ class Errors:
     full_scale_length_m: float | None
     """Largest change of length against the length at rest."""
     unloading_bend_rad: float | None
-    """Of the unloading rows, which the law is not fitted to."""
+    """Of the unloading rows, which the law is not fitted to, without anything kept."""
+    release_bend_rad: float | None
+    """Of the release holds, with the share of the load that they keep; None without such holds."""
+    release_length_m: float | None
     lack_of_fit_p: float | None
     """Probability of residuals this large against the repeats, were the law true; None without enough repeats."""
 
@@ -77,6 +86,10 @@ class Calibration:
     """Given mass; None: from density and wall."""
     t_quantile: float
     """97.5 % quantile of Student's t at the fit's degrees of freedom."""
+    release: Release | None = None
+    """What stays of a load after its release, where the table tells."""
+    measure_next: tuple[NextRow, ...] = ()
+    """Rows worth measuring next, the best first."""
 
     @property
     def law(self) -> str:
@@ -104,12 +117,30 @@ class Calibration:
         bend, length = (self.t_quantile * one for one in spread)
         return bend, length
 
+    def prediction_half_bands(self, pressure_Pa: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Half widths of the 95 % bands in which one more measured bend [rad] or length [m] lies, shape (n,) each.
+
+        Those of `half_bands` and the spread of the loading rows about the law, along their bend.
+        """
+        loading = self.table.rows(self.table.loading)
+        bend, length = self.bend_and_length(loading.pressure_Pa)
+        share = self.fit.degrees_of_freedom / max(self.fit.degrees_of_freedom + len(self.fit.theta), 1)
+        sure = self.half_bands(pressure_Pa)
+        bands = []
+        for band, off in zip(sure, (loading.bend_rad - np.hypot(*bend.T), loading.length_m - length), strict=True):
+            measured = off[np.isfinite(off)]
+            spread = float(np.mean(measured**2)) / max(share, 0.1) if len(measured) else math.nan
+            bands.append(np.sqrt(band**2 + self.t_quantile**2 * spread))
+        return bands[0], bands[1]
+
     def robot(self, name: str) -> Robot:
         """The calibrated robot."""
         return check(Robot, self.robot_table(name), f"{self.table.source}: the calibrated robot")
 
-    def robot_table(self, name: str) -> dict[str, Any]:
+    def robot_table(self, name: str, *, memory: bool = False) -> dict[str, Any]:
         """The tables of its robot file: what was calibrated, given or assumed here, with its provenance.
+
+        `memory` writes what stays after a release as a residual strain, whose times the holds do not tell.
 
         What the table says nothing of (pneumatics, sensors) is left to the program's defaults.
         """
@@ -120,7 +151,8 @@ class Calibration:
         actuator = {
             "law": law.material,
             "modulus_Pa": rounded(law.modulus_Pa),
-            "stiffening_Pa": rounded(law.stiffening_Pa),
+            **({"limit_invariant": rounded(law.limit_invariant)} if law.material == "gent" else {}),
+            **({} if law.material == "gent" else {"stiffening_Pa": rounded(law.stiffening_Pa)}),
             "chamber_area_m2": rounded(section.chamber_area_m2),
             "chamber_centroid_radius_m": rounded(section.chamber_centroid_radius_m),
             "gains": [rounded(gain) for gain in law.gains],
@@ -135,7 +167,17 @@ class Calibration:
             "mass_kg": rounded(mass_kg),
             "damping_time_s": DAMPING_TIME_S,
             "actuator": actuator,
+            **({"memory": {"residual": residual}} if (residual := self._residual()) and memory else {}),
             "provenance": self._provenance(),
+        }
+
+    def _residual(self) -> dict[str, float] | None:
+        if self.release is None or self.release.share <= 0.0:
+            return None
+        return {
+            "share": rounded(self.release.share),
+            "growth_time_s": ASSUMED_GROWTH_TIME_S,
+            "recovery_time_s": ASSUMED_RECOVERY_TIME_S,
         }
 
     def report(self) -> dict[str, Any]:
@@ -162,6 +204,7 @@ class Calibration:
             "loo_bend_percent": 100.0 * errors.loo_bend_rad / scale,
             "repeat_bend_percent": _percent(errors.repeat_bend_rad, scale),
             "unloading_rms_bend_percent": _percent(errors.unloading_bend_rad, scale),
+            "release_rms_bend_percent": _percent(errors.release_bend_rad, scale),
             "lack_of_fit_p": errors.lack_of_fit_p,
         }
         if errors.rms_length_m is not None and errors.full_scale_length_m:
@@ -170,6 +213,7 @@ class Calibration:
                 "rms_length_percent": _percent(errors.rms_length_m, errors.full_scale_length_m),
                 "loo_length_percent": _percent(errors.loo_length_m, errors.full_scale_length_m),
                 "repeat_length_percent": _percent(errors.repeat_length_m, errors.full_scale_length_m),
+                "release_rms_length_percent": _percent(errors.release_length_m, errors.full_scale_length_m),
             }
         return result | {
             "candidates": [
@@ -177,6 +221,10 @@ class Calibration:
             ],
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
+            "measure_next": [
+                {"pressure_kPa": [float(p) / 1e3 for p in one.pressure_Pa], "words": one.words}
+                for one in self.measure_next
+            ],
         }
 
     def _provenance(self) -> dict[str, str]:

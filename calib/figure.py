@@ -1,4 +1,4 @@
-"""Picture of a calibration: the table, the fitted law and its 95 % confidence band.
+"""Picture of a calibration: the table, the fitted law and its 95 % bands of confidence and of prediction.
 
 Rows are put on curves by which chambers they drive: a curve starts where all chambers have the table's pressure at
 rest and ends where the driven ones have the largest. Tables with more combinations of chambers than a picture can
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calib.bend_table import BendTable, FloatArray
 from calib.calibration import Calibration
+from calib.robust_fit import bend_vectors
 from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
 
@@ -44,7 +45,7 @@ def write_figure(figure: Figure, path: Path) -> None:
 
 
 def draw_table(calibration: Calibration) -> Figure:
-    """Bend, and length where it was measured, over pressure: rows, law and 95 % confidence band."""
+    """Bend, and length where it was measured, over pressure: rows, law and 95 % bands."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -95,13 +96,14 @@ def _curves(
         path_Pa = np.tile(low_Pa, (_POINTS, 1))
         top_Pa = np.max(table.pressure_Pa[rows][:, driven])
         path_Pa[:, driven] = np.linspace(low_Pa[driven], np.full(len(driven), top_Pa), _POINTS)
-        name = f"chamber{'s' if len(driven) > 1 else ''} {', '.join(map(str, driven))}"
+        name = _chambers(tuple(driven))
         curves, bands = calibration.bend_and_length(path_Pa), calibration.half_bands(path_Pa)
+        wide = calibration.prediction_half_bands(path_Pa)
         bend_deg = np.degrees(np.hypot(*curves[0].T))
         across = np.mean(path_Pa[:, driven], axis=1) / 1e3
-        _panel(axes[0], colour, name, across, bend_deg, np.degrees(bands[0]), 0.0)
+        _panel(axes[0], colour, name, across, bend_deg, np.degrees([bands[0], wide[0]]), 0.0)
         if len(axes) > 1:
-            _panel(axes[1], colour, name, across, 1e3 * curves[1], 1e3 * bands[1], -np.inf)
+            _panel(axes[1], colour, name, across, 1e3 * curves[1], 1e3 * np.array([bands[1], wide[1]]), -np.inf)
     released = np.flatnonzero(~table.loading)
     if released.size:
         _points(
@@ -116,9 +118,11 @@ def _curves(
 
 
 def _panel(
-    axis: Axes, colour: str, name: str, across: FloatArray, curve: FloatArray, band: FloatArray, least: float
+    axis: Axes, colour: str, name: str, across: FloatArray, curve: FloatArray, bands: FloatArray, least: float
 ) -> None:
-    axis.fill_between(across, np.maximum(curve - band, least), curve + band, color=colour, alpha=0.15, linewidth=0)
+    """A curve with its bands, half widths of shape (2, n): of the law, and of one more measurement."""
+    for band, alpha in zip(bands, (0.18, 0.07), strict=True):
+        axis.fill_between(across, np.maximum(curve - band, least), curve + band, color=colour, alpha=alpha, linewidth=0)
     axis.plot(across, curve, color=colour, label=name)
 
 
@@ -162,3 +166,68 @@ def _fitted_against_measured(
         axis.grid(alpha=0.25)
     axes[0].set_title(f"{len(combinations)} combinations of chambers", fontsize=9)
     axes[0].legend(fontsize=8, frameon=False)
+
+
+def draw_residuals(calibration: Calibration) -> Figure:
+    """Measured less fitted of every loading and release hold: bend, and length where it was measured.
+
+    By trial where the table has trials, else by pressure.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    table = calibration.table
+    held = table.rows(table.loading)
+    bend, length = calibration.bend_and_length(held.pressure_Pa)
+    parts = [
+        (held, held.pressure_Pa, _size_residual_deg(held, bend), 1e3 * (held.length_m - length), "o"),
+    ]
+    release = calibration.release
+    if release is not None:
+        fitted = bend_vectors(release.rows) - release.bend_residual_rad
+        sizes = _size_residual_deg(release.rows, fitted)
+        parts.append((release.rows, release.before_Pa, sizes, 1e3 * release.length_residual_m, "v"))
+    panels = 2 if table.has_length else 1
+    figure = Figure(figsize=(5.2 * panels, 3.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, panels, squeeze=False)[0]
+    trials = list(dict.fromkeys(name for part, *_ in parts for name in part.trial.tolist()))
+    colours: dict[tuple[int, ...], str] = {}
+    for part, loads_Pa, bend_deg, length_mm, mark in parts:
+        for row in range(len(part)):
+            driven = _driven(loads_Pa[row], float(np.max(table.pressure_Pa)))
+            colour = colours.setdefault(driven, _COLOURS[len(colours) % len(_COLOURS)])
+            place = trials.index(part.trial[row]) if len(trials) > 1 else np.max(loads_Pa[row]) / 1e3
+            for axis, value in zip(axes, (bend_deg, length_mm), strict=False):
+                axis.plot(place, value[row], mark, color=colour, markersize=6)
+    for axis, label in zip(axes, ("bend, measured − fitted [°]", "length, measured − fitted [mm]"), strict=False):
+        axis.axhline(0.0, color="0.4", linewidth=0.8)
+        axis.set_ylabel(label)
+        if len(trials) > 1:
+            every = -(-len(trials) // 12)
+            names = [name or "no label" for name in trials[::every]]
+            axis.set_xticks(range(0, len(trials), every), names, fontsize=8, rotation=20)
+        else:
+            axis.set_xlabel("pressure of the driven chambers [kPa]")
+        axis.grid(alpha=0.25)
+    for driven, colour in list(colours.items())[:MOST_CURVES]:
+        axes[0].plot([], [], "o", color=colour, label=_chambers(driven) if driven else "at rest")
+    if release is not None:
+        axes[0].plot([], [], "v", color="0.4", label="after its release")
+    axes[0].legend(fontsize=7, frameon=False)
+    return figure
+
+
+def _size_residual_deg(table: BendTable, bend_rad: FloatArray) -> FloatArray:
+    return np.degrees(table.bend_rad - np.hypot(*bend_rad.T))
+
+
+def _driven(pressure_Pa: FloatArray, largest_Pa: float) -> tuple[int, ...]:
+    """Chambers at over half of a row's largest pressure, none where the row is nearly at rest."""
+    if np.max(pressure_Pa) < 0.2 * largest_Pa:
+        return ()
+    return tuple(i for i in range(CHAMBERS) if pressure_Pa[i] > 0.5 * np.max(pressure_Pa))
+
+
+def _chambers(driven: tuple[int, ...]) -> str:
+    return f"chamber{'s' if len(driven) > 1 else ''} {', '.join(map(str, driven))}"

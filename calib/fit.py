@@ -11,7 +11,8 @@ What is free follows from what the table holds:
 
 Among wall materials, with and without dead band (and free radius), the simplest model is taken whose leave-one-out
 error is within 10 % of the least: a residual always falls with more coordinates, a prediction does not.
-Unloading rows are reported, not fitted: the law has no memory.
+Unloading rows do not move the law. Those that follow a hold of their trial give the share of a load that stays after
+its release (`calib.release`); others are reported only. Both kinds of hold stand in the lack-of-fit test.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from calib.bend_table import BendTable, FloatArray
+from calib.bend_table import BendTable, FloatArray, joined_rows
 from calib.calibration import DENSITY_KG_M3, Calibration, Candidate, Errors, Estimate
+from calib.design import NextRow, next_rows, telling_row
+from calib.identifiability import directions, sentences
 from calib.model import ActuatorModel
 from calib.plausibility import ATMOSPHERE_PA, check_response, looks_absolute
+from calib.release import Release, fit_release
 from calib.repeats import RepeatError, joined, repeat_error, repeat_groups
 from calib.robust_fit import Fit, LeaveOneOut, Observations, bend_vectors, fit_model, leave_one_out, observations
 from softbot.cross_section import CHAMBERS, DEFAULT_CENTROID_RATIO, DEFAULT_CHAMBER_AREA_RATIO
@@ -34,13 +38,17 @@ from softbot.errors import InputError, SimulationError
 from softbot.material import MATERIALS
 
 AUTO = "auto"
-_TRIED = ("linear", "neo-hookean", "yeoh")  # a section bends alike with Mooney–Rivlin and neo-Hookean
+_TRIED = ("linear", "neo-hookean", "yeoh", "gent")
+_LAWS = (*_TRIED, "mooney-rivlin")  # a section bends with it as with neo-Hookean: tried once
+_LIMITS = (0.5, 3.0)  # of I₁ − 3, starts of Gent's law
 LEVELS_FOR_DEAD_BAND = 4
 LACK_OF_FIT_PERCENT = 5.0
 _ASSUMED_LENGTH_M = 0.15
 _ASSUMED_SLENDERNESS = 15.0  # length over radius, of the design's rod
 _ASSUMED_ERROR = 0.03  # of full scale, where the table has no repeats
 _LEAST_ERROR = 0.005  # of full scale: what no measurement here beats
+_RIVAL = 1.25  # a law that predicts this much worse is not yet ruled out
+_IN_REACH = 1.6  # a model whose leverages promise this much more error is not looked at row by row
 _WORTH = 1.1  # a simpler model may have this much more leave-one-out error
 _MOST_ROWS = 150  # more are averaged where their pressures are close
 _MOST_CHECKED = 5000  # rows that the residuals of a long table are computed on
@@ -73,8 +81,8 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
     can explain at all, and for an unknown law.
     """
     geometry = geometry or Geometry()
-    if law != AUTO and law not in _TRIED:
-        raise InputError(f"law = {law!r}: choose one of {', '.join((AUTO, *_TRIED))}")
+    if law != AUTO and law not in _LAWS:
+        raise InputError(f"law = {law!r}: choose one of {', '.join((AUTO, *_LAWS))}")
     loading = table.rows(table.loading)
     warnings = [*table.notes, *check_response(loading)]
     groups = repeat_groups(loading)
@@ -86,14 +94,19 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
         _measuring_error(length_repeat, _length_range(loading)),
     )
     models = _models(loading, geometry, law, rows)
-    tried = [found for model in models if (found := _try(model, rows)) is not None]
+    tried = _tried(models, rows)
     if not tried:
         raise InputError(f"{table.source}: the actuator law has no equilibrium near these bends; check the units")
     fit, left_out = _choose(tried)
     _check_dead_band(loading, fit)
-    errors = _errors(table, loading, fit, left_out, rows, groups, bend_repeat, length_repeat)
-    quantile = float(stats.t.ppf(0.975, max(fit.degrees_of_freedom, 1)))
-    parameters = _parameters(fit, quantile)
+    release = fit_release(fit, table, rows)
+    errors = _errors(table, loading, fit, left_out, rows, release, bend_repeat, length_repeat)
+    quantile = _quantile(fit)
+    equals = _equals(fit, tried)
+    parameters = _widened(_parameters(fit, quantile), [_parameters(one, _quantile(one)) for one in equals])
+    if release is not None:
+        others = [fit_release(one, table, rows) for one in equals]
+        parameters |= _widened(_released(release), [_released(one) for one in others if one is not None])
     warnings += _warnings(table, loading, fit, errors, parameters, rows)
     ranked = sorted(tried, key=lambda one: (one[0] is not fit, one[1].score))
     return Calibration(
@@ -108,7 +121,27 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
         warnings=tuple(dict.fromkeys(warnings)),
         mass_kg=geometry.mass_kg,
         t_quantile=quantile,
+        release=release,
+        measure_next=_measure_next(fit, tried, rows, warnings),
     )
+
+
+def _measure_next(
+    fit: Fit, tried: list[tuple[Fit, LeaveOneOut]], rows: Observations, warnings: list[str]
+) -> tuple[NextRow, ...]:
+    """What to measure next: first what tells the laws apart that predict alike so far, then what narrows the band."""
+    if any(text.startswith("lack of fit") for text in warnings):
+        return ()
+    best = min(left_out.score for _, left_out in tried)
+    rivals = [
+        (one, left) for one, left in tried if one.model.material != fit.model.material and left.score <= _RIVAL * best
+    ]
+    found = next_rows(fit, rows)
+    if rivals:
+        rival = min(rivals, key=lambda one: one[1].score)[0]
+        between = telling_row(fit, rival, rows)
+        found = [between, *found] if between is not None else found
+    return tuple(found)
 
 
 def _check_dead_band(table: BendTable, fit: Fit) -> None:
@@ -182,13 +215,26 @@ def _models(table: BendTable, geometry: Geometry, law: str, rows: Observations) 
     return [m for m in models if len(m.coordinates) < rows.measured or len(m.coordinates) == least]
 
 
-def _try(model: ActuatorModel, rows: Observations) -> tuple[Fit, LeaveOneOut] | None:
-    starts = _starts(model, rows)
-    try:
-        fit = fit_model(model, rows, starts)
-        return fit, leave_one_out(fit, rows, starts[0])
-    except SimulationError:
-        return None
+def _tried(models: list[ActuatorModel], rows: Observations) -> list[tuple[Fit, LeaveOneOut]]:
+    """Fits with their leave-one-out errors: by leverages first, then exactly for those in reach of the best."""
+    fits: list[tuple[Fit, LeaveOneOut, FloatArray]] = []
+    for model in models:
+        starts = _starts(model, rows)
+        try:
+            fit = fit_model(model, rows, starts)
+            fits.append((fit, leave_one_out(fit, rows, starts[0], exact=False), starts[0]))
+        except (SimulationError, np.linalg.LinAlgError):
+            continue
+    best = min((left_out.score for _, left_out, _ in fits), default=math.inf)
+    found = []
+    for fit, quick, anchor in fits:
+        if not quick.score > _IN_REACH * best:
+            try:
+                quick = leave_one_out(fit, rows, anchor)
+            except SimulationError:
+                continue
+        found.append((fit, quick))
+    return found
 
 
 def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
@@ -198,7 +244,8 @@ def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
     slenderness = (_ASSUMED_SLENDERNESS, 5.0) if "radius" in model.free else (None,)
     dead_bands = (0.0, 0.2) if "dead_band" in model.free else (0.0,)
     stiffenings = (0.03, 1.0) if MATERIALS[model.material].has_stiffening else (1.0,)
-    for slender, dead_band, stiffening in itertools.product(slenderness, dead_bands, stiffenings):
+    limits = _LIMITS if model.material == "gent" else (1.0,)
+    for slender, dead_band, stiffening, limit in itertools.product(slenderness, dead_bands, stiffenings, limits):
         begun = model if slender is None else replace(model, radius_m=model.length_m / slender)
         linear = replace(begun, material="linear")
         dead_band_Pa = dead_band * model.largest_pressure_Pa
@@ -207,15 +254,20 @@ def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
         small = np.hypot(*probe.bend_rad.T)
         ratio = float(small @ small / max(small @ sizes, 1e-300))
         modulus_Pa = trial_Pa * ratio / MATERIALS[model.material].modulus_ratio
-        starts.append(begun.start(min(max(modulus_Pa, 1e3), 1e9), stiffening, dead_band_Pa))
+        starts.append(begun.start(min(max(modulus_Pa, 1e3), 1e9), stiffening, dead_band_Pa, limit))
     return starts
 
 
 def _choose(tried: list[tuple[Fit, LeaveOneOut]]) -> tuple[Fit, LeaveOneOut]:
-    best = min(left_out.score for _, left_out in tried)
-    worthy = [one for one in tried if one[1].score <= _WORTH * best]
+    worthy = _worthy(tried)
     simplest = min(len(fit.theta) for fit, _ in worthy)
     return min((one for one in worthy if len(one[0].theta) == simplest), key=lambda one: one[1].score)
+
+
+def _worthy(tried: list[tuple[Fit, LeaveOneOut]]) -> list[tuple[Fit, LeaveOneOut]]:
+    """Those that predict about as well as the best."""
+    best = min(left_out.score for _, left_out in tried)
+    return [one for one in tried if one[1].score <= _WORTH * best]
 
 
 def _averaged(table: BendTable, warnings: list[str]) -> BendTable:
@@ -260,7 +312,7 @@ def _errors(
     fit: Fit,
     left_out: LeaveOneOut,
     rows: Observations,
-    groups: np.ndarray,
+    release: Release | None,
     bend_repeat: RepeatError | None,
     length_repeat: RepeatError | None,
 ) -> Errors:
@@ -279,7 +331,11 @@ def _errors(
         repeat_length_m=length_repeat.value if length_repeat else None,
         full_scale_length_m=float(np.nanmax(np.abs(loading.length_m - rest_m))) if long else None,
         unloading_bend_rad=_rms(unloaded) if unloaded is not None else None,
-        lack_of_fit_p=_lack_of_fit(fit, rows, loading, groups, bend, length),
+        release_bend_rad=_rms(release.bend_residual_rad) if release is not None else None,
+        release_length_m=_rms(release.length_residual_m)
+        if release is not None and np.any(np.isfinite(release.length_residual_m))
+        else None,
+        lack_of_fit_p=_lack_of_fit(fit, rows, loading, bend, length, release),
     )
 
 
@@ -295,11 +351,21 @@ def _residuals(fit: Fit, table: BendTable) -> tuple[FloatArray, FloatArray]:
 
 
 def _lack_of_fit(
-    fit: Fit, rows: Observations, table: BendTable, groups: np.ndarray, bend: FloatArray, length: FloatArray
+    fit: Fit, rows: Observations, table: BendTable, bend: FloatArray, length: FloatArray, release: Release | None
 ) -> float | None:
-    """The classical F test of the residual's excess over the repeats, bends and lengths in measuring errors."""
+    """The classical F test of the residual's excess over the repeats, bends and lengths in measuring errors.
+
+    Loading and release holds together.
+    """
     if len(bend) != len(table):
         return None
+    coordinates = len(fit.theta)
+    if release is not None:
+        table = joined_rows(table, release.rows)
+        bend = np.vstack([bend, release.bend_residual_rad])
+        length = np.concatenate([length, release.length_residual_m])
+        coordinates += 1
+    groups = repeat_groups(table)
     square = float(np.sum(bend**2) / rows.bend_error_rad**2 + np.nansum(length**2) / rows.length_error_m**2)
     pure, pure_freedom, kinds = 0.0, 0, 0
     for values, unit in ((bend_vectors(table), rows.bend_error_rad), (table.length_m, rows.length_error_m)):
@@ -311,7 +377,7 @@ def _lack_of_fit(
         if repeats is not None:
             pure += repeats.value**2 * repeats.degrees_of_freedom
             pure_freedom += repeats.degrees_of_freedom
-    lack_freedom = kinds - len(fit.theta)
+    lack_freedom = kinds - coordinates
     if pure_freedom < 2 or lack_freedom < 1 or pure <= 0.0:
         return None
     ratio = (max(square - pure, 0.0) / lack_freedom) / (pure / pure_freedom)
@@ -351,17 +417,72 @@ def _parameters(fit: Fit, quantile: float) -> dict[str, Estimate]:
     return estimates
 
 
+def _quantile(fit: Fit) -> float:
+    return float(stats.t.ppf(0.975, max(fit.degrees_of_freedom, 1)))
+
+
+def _released(release: Release) -> dict[str, Estimate]:
+    return {"residual_share": Estimate(release.share, release.low, release.high, "1", True)}
+
+
+def _equals(fit: Fit, tried: list[tuple[Fit, LeaveOneOut]]) -> list[Fit]:
+    """Fits of the same wall that predict as well as the chosen one, with other things free."""
+    same = [one for one, _ in _worthy(tried) if one is not fit and one.model.material == fit.model.material]
+    return [one for one in same if one.degrees_of_freedom > 0]
+
+
+def _widened(parameters: dict[str, Estimate], others: list[dict[str, Estimate]]) -> dict[str, Estimate]:
+    """Intervals that hold those of other models too, which are as good.
+
+    A parameter that was left out because the table does not ask for it still makes the others uncertain.
+    """
+    widened = dict(parameters)
+    for name, one in ((name, one) for other in others for name, one in other.items()):
+        own = widened.get(name)
+        if own is not None and own.identified and one.identified:
+            widened[name] = replace(own, low=min(own.low, one.low), high=max(own.high, one.high))
+    return widened
+
+
 # --- in words ---------------------------------------------------------------------------------------------
 
 
 _REMEDY = {
     "modulus_Pa": "measure at more pressures",
     "stiffening_Pa": "add points at the highest pressure the robot may see",
+    "limit_invariant": "add points at the highest pressure the robot may see",
     "radius_m": "add the lengths, or give the radius",
     "chamber_centroid_radius_m": "add rows with several chambers at once",
     "dead_band_Pa": "add points at low pressure, where the bend begins",
     "length_m": "add rows without pressure, or give the length",
 }
+
+
+_PLAIN = {
+    "modulus": "the modulus",
+    "stiffening": "the stiffening",
+    "limit": "the limit of the stretch",
+    "radius": "the radius",
+    "centroid": "the arm of the chambers",
+    "gain": "the gains",
+    "dead_band": "the dead band",
+    "length": "the length at rest",
+}
+_COORDINATE_REMEDY = {
+    "modulus": "measure at more pressures",
+    "stiffening": "add points at the highest pressure the robot may see",
+    "limit": "add points at the highest pressure the robot may see",
+    "radius": "add the lengths, or give the radius",
+    "centroid": "add rows with several chambers at once",
+    "gain": "pressurise each chamber alone",
+    "length": "add rows without pressure, or give the length",
+}
+
+
+def _lowest_driven_Pa(table: BendTable) -> float:
+    """Lowest pressure of a driven chamber at which a bend was measured [Pa]."""
+    largest_Pa = float(np.max(table.pressure_Pa))
+    return float(np.min(np.where(table.pressure_Pa > 0.12 * largest_Pa, table.pressure_Pa, largest_Pa)))
 
 
 def _warnings(
@@ -382,6 +503,10 @@ def _warnings(
     if blind:
         remedies = dict.fromkeys(_REMEDY.get(name, "pressurise each chamber alone") for name in blind)
         found.append(f"this table cannot tell {' from '.join(blind)}: {'; '.join(remedies)}")
+    else:
+        remedy = dict(_COORDINATE_REMEDY)
+        remedy["dead_band"] = f"add points under {_lowest_driven_Pa(loading) / 1e3:.3g} kPa"
+        found += sentences(directions(fit.model.coordinates, fit.information), _PLAIN, remedy)
     ratio = parameters.get("chamber_centroid_radius_m")
     if ratio is not None:
         share = ratio.value / fit.model.radius_m
@@ -407,8 +532,13 @@ def _warnings(
         found.append(f"chamber{'s' if len(still) > 1 else ''} {_list(still)} never driven: gain 1 assumed")
     if errors.unloading_bend_rad is not None:
         found.append(
-            f"{int(np.sum(~table.loading))} unloading rows are not fitted (the law has no memory); they lie "
-            f"{math.degrees(errors.unloading_bend_rad):.1f}° (rms) from the loading curve"
+            f"{int(np.sum(~table.loading))} unloading rows lie {math.degrees(errors.unloading_bend_rad):.1f}° (rms) "
+            "from the loading curve"
+            + (
+                f", {math.degrees(errors.release_bend_rad):.1f}° where a share of the load stays after its release"
+                if errors.release_bend_rad is not None
+                else " and are not fitted: give each row the trial of the hold before it"
+            )
         )
     return found
 
@@ -418,21 +548,22 @@ def _lack_of_fit_words(table: BendTable, errors: Errors) -> list[str]:
     percent = 100.0 * errors.rms_bend_rad / errors.full_scale_bend_rad
     repeat = errors.repeat_bend_rad or 0.0
     jump = _snap_through(table)
-    if percent > LACK_OF_FIT_PERCENT and errors.rms_bend_rad > 1.5 * repeat:
+    if jump or (percent > LACK_OF_FIT_PERCENT and errors.rms_bend_rad > 1.5 * repeat):
         why = f": {jump}" if jump else ""
         found.append(
             f"lack of fit: no fibre-reinforced law here explains this table (rms {percent:.1f} % of full scale){why}; "
             "do not trust the robot file beyond a rough size"
         )
-    elif jump:
-        found.append(jump)
     if errors.lack_of_fit_p is not None and errors.lack_of_fit_p < 0.01:
         found.append(f"the residuals exceed the repeats (lack-of-fit test: p = {errors.lack_of_fit_p:.2g})")
     return found
 
 
 def _snap_through(table: BendTable) -> str | None:
-    """A place where the bend of one chamber runs away: a slope over four times the median slope on both sides."""
+    """A place where the bend of one chamber runs away: a slope over four times the median before it, twice that after.
+
+    A smooth law drawn through such a place may leave a small residual, and is wrong there all the same.
+    """
     driven = np.max(table.pressure_Pa, axis=0) > 0.2 * np.max(table.pressure_Pa)
     if np.sum(driven) != 1:
         return None
@@ -446,14 +577,22 @@ def _snap_through(table: BendTable) -> str | None:
     overall = (bend[-1] - bend[0]) / (mean_Pa[-1] - mean_Pa[0])
     steep = int(np.argmax(slope))
     before = float(np.median(slope[:steep])) if steep else math.inf
-    if slope[steep] > 2.5 * overall and slope[steep] > 4.0 * before:
+    after = float(np.median(slope[steep + 1 :])) if steep + 1 < len(slope) else math.inf
+    if slope[steep] > 2.5 * overall and slope[steep] > max(4.0 * before, 2.0 * after):
         near = f"{mean_Pa[steep] / 1e3:.3g} kPa"
-        return f"the bend runs away near {near} (a snap-through, as of bubbles without hoop fibres)"
+        jump = f"from {math.degrees(bend[steep]):.0f}° to {math.degrees(bend[steep + 1]):.0f}°"
+        return (
+            f"the bend runs away near {near}, {jump} (a snap-through: the pressure of a bubble without hoop fibres has "
+            "a limit point, beyond which it grows under less pressure; with fibres the pressure rises throughout)"
+        )
     return None
 
 
 def _assumptions(table: BendTable, model: ActuatorModel, geometry: Geometry) -> list[str]:
-    found = [f"each chamber has {DEFAULT_CHAMBER_AREA_RATIO:g} of the section's area (no drawing of the section)"]
+    found = []
+    if model.material == "mooney-rivlin":
+        found.append("the share of the second invariant is 0: under hoop fibres a section cannot feel it")
+    found += [f"each chamber has {DEFAULT_CHAMBER_AREA_RATIO:g} of the section's area (no drawing of the section)"]
     if "centroid" not in model.free:
         found.append(f"the chambers' centroids lie at {DEFAULT_CENTROID_RATIO:g} of the radius")
     if geometry.length_m is not None:

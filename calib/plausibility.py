@@ -12,6 +12,7 @@ from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.errors import InputError
 
 ATMOSPHERE_PA = 101_325.0
+_LOW_PRESSURE = 0.25  # of the largest: there a bend may be anything
 _UNIT_RATIOS = {
     "kPa to psi": 6.894757,
     "kPa to bar": 100.0,
@@ -213,7 +214,8 @@ def _check_one_unit(table: BendTable) -> None:
     angle = np.array(CHAMBER_ANGLES_RAD)
     net_Pa = np.hypot(*(table.pressure_Pa @ np.column_stack([np.cos(angle), np.sin(angle)])).T)
     bend = table.bend_rad
-    rows = np.flatnonzero((net_Pa > 0.02 * np.median(net_Pa)) & (bend > 0.005 * np.max(bend)) & (net_Pa > 0.0))
+    one_sided = net_Pa > 0.2 * np.max(table.pressure_Pa, axis=1)  # others bend by small differences
+    rows = np.flatnonzero(one_sided & (net_Pa > 0.02 * np.median(net_Pa)) & (bend > 0.005 * np.max(bend)))
     if len(rows) < 5 or rank_correlation(net_Pa[rows], bend[rows]) > 0.9:
         return
     slope = np.log(bend[rows] / net_Pa[rows])
@@ -224,6 +226,8 @@ def _check_one_unit(table: BendTable) -> None:
     pair, ratio = min(_UNIT_RATIOS.items(), key=lambda one: abs(math.log(one[1]) - apart))
     if abs(apart - math.log(ratio)) > 0.25 * math.log(ratio):
         return
+    if np.max(net_Pa[rows][flat]) < _LOW_PRESSURE * np.max(net_Pa):
+        return  # hardly any bend where it begins: a dead band, and noise
     odd = min(flat, steep, key=len)
     mended = net_Pa[rows].copy()
     mended[steep] *= ratio

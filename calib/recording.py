@@ -20,12 +20,13 @@ from softbot.cross_section import CHAMBER_ANGLES_RAD, CHAMBERS
 from softbot.errors import InputError
 
 LEAST_ROWS = 30  # of a table with time for it to be a recording
-_FINE_S = 0.05
+_FINE_S = 0.025
 _COARSE_S = 0.5
 _COARSENING = 0.1  # step of the grid over the time since the last change of pressure
 _CHANGE = 0.05  # of the largest pressure within the coarse step: what counts as a change
 _START_S = 0.15  # over which the bend at the start is averaged, at least three rows
 _DRIVEN = 0.2  # of the largest pressure
+_ROUGH, _ROUGH_SHARE = 0.9, 0.623  # of squares of noise the smallest nine tenths, and their mean over that of all
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Trial:
     """Shape (n,) [s], from 0."""
     pressure_Pa: FloatArray
     """At the sensors, shape (n, 4) [Pa gauge]."""
+    noise_Pa: FloatArray
+    """Standard deviation of the driven chambers' pressures on the grid, by how rough they are, shape (n,)."""
     driven: tuple[int, ...]
     """Chambers at over a fifth of the largest pressure at some time."""
     gaps: int
@@ -134,7 +137,7 @@ def _trial(name: str, table: BendTable, notes: list[str]) -> Trial | None:
     direction = far / np.hypot(*far)
     known = bool(np.any(np.isfinite(good.direction_rad)))
     grid_s = _grid(t, table.pressure_Pa, driven, largest_Pa)
-    pressure_Pa = _resampled(grid_s, t, table.pressure_Pa)
+    pressure_Pa, rows = _resampled(grid_s, t, table.pressure_Pa)
     idle = [i for i in range(CHAMBERS) if i not in driven]
     pressure_Pa[:, idle] = np.median(table.pressure_Pa[:, idle], axis=0)  # their noise moves nothing
     steps = np.diff(t)
@@ -149,6 +152,7 @@ def _trial(name: str, table: BendTable, notes: list[str]) -> Trial | None:
         start_bend_rad=start if known else np.zeros(2),
         grid_s=grid_s,
         pressure_Pa=pressure_Pa,
+        noise_Pa=_roughness_Pa(table.pressure_Pa[:, list(driven)]) / np.sqrt(rows),
         driven=driven,
         gaps=int(np.sum(~measured)),
     )
@@ -174,7 +178,7 @@ def _vectors(name: str, table: BendTable, t: FloatArray, driven: tuple[int, ...]
 
 
 def _grid(t: FloatArray, pressure_Pa: FloatArray, driven: tuple[int, ...], largest_Pa: float) -> FloatArray:
-    """Times from 0 to the end: fine while a driven chamber's pressure moves, then the coarser the longer it rests."""
+    """Times from 0 to the end: fine while a driven chamber's pressure jumps, then the coarser the longer it rests."""
     fine = np.append(np.arange(0.0, t[-1], _FINE_S), t[-1])
     there = np.column_stack([np.interp(fine, t, pressure_Pa[:, i]) for i in driven])
     back = round(_COARSE_S / _FINE_S)
@@ -192,14 +196,30 @@ def _grid(t: FloatArray, pressure_Pa: FloatArray, driven: tuple[int, ...], large
     return fine[kept]
 
 
-def _resampled(grid_s: FloatArray, t: FloatArray, pressure_Pa: FloatArray) -> FloatArray:
-    """Pressures on the grid: straight between rows, and the mean of the rows around where they are denser."""
+def _resampled(grid_s: FloatArray, t: FloatArray, pressure_Pa: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pressures on the grid: the mean halfway to the neighbours, straight between rows; and of how many rows."""
+    middle = 0.5 * (grid_s[1:] + grid_s[:-1])
+    low, high = np.append(t[0], middle), np.append(middle, t[-1])
+    wide = high - low
     columns = []
     for column in pressure_Pa.T:
         area = np.concatenate([[0.0], np.cumsum(0.5 * (column[1:] + column[:-1]) * np.diff(t))])
-        low = np.clip(grid_s - 0.5 * _FINE_S, t[0], t[-1])
-        high = np.clip(grid_s + 0.5 * _FINE_S, t[0], t[-1])
-        wide = high - low
-        mean = (np.interp(high, t, area) - np.interp(low, t, area)) / np.maximum(wide, 1e-9)
+        mean = (_area_at(high, t, column, area) - _area_at(low, t, column, area)) / np.maximum(wide, 1e-9)
         columns.append(np.where(wide > 1e-6, mean, np.interp(grid_s, t, column)))
-    return np.ascontiguousarray(np.column_stack(columns))
+    return np.ascontiguousarray(np.column_stack(columns)), np.maximum(wide / float(np.median(np.diff(t))), 1.0)
+
+
+def _area_at(at_s: FloatArray, t: FloatArray, column: FloatArray, area: FloatArray) -> FloatArray:
+    """Integral of a column that runs straight between rows, up to the times `at_s`; `area` is it at the rows."""
+    row = np.clip(np.searchsorted(t, at_s, side="right") - 1, 0, len(t) - 2)
+    past = at_s - t[row]
+    slope = (column[row + 1] - column[row]) / (t[row + 1] - t[row])
+    return np.asarray(area[row] + past * (column[row] + 0.5 * slope * past))
+
+
+def _roughness_Pa(pressure_Pa: FloatArray) -> float:
+    """Noise of one row by second differences, shape (m, k), those of steps left out [Pa]."""
+    square = np.sort((pressure_Pa[2:] - 2.0 * pressure_Pa[1:-1] + pressure_Pa[:-2]).ravel() ** 2) / 6.0
+    if not len(square):
+        return 0.0
+    return math.sqrt(float(np.mean(square[: max(round(_ROUGH * len(square)), 1)])) / _ROUGH_SHARE)

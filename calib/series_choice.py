@@ -29,8 +29,8 @@ USUAL = 1
 """Place in LADDER of what a robot of silicone and lines has."""
 MOST_FOLDS = 4
 WORTH = 1.05
-_REFIT = 3  # evaluations of a fit that starts from the joint one
-_FIRST, _NEXT = 25, 12  # evaluations of the first candidate's fits, and of the others', which start from it
+_REFIT = 8  # evaluations of a fit that starts from the joint one
+_FIRST, _NEXT = 60, 30  # evaluations of the first candidate's fits, and of the others', which start from it
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class LeftOut:
     """The same after its bends are scaled by one number."""
     gain: float
     """That number."""
+    off: FloatArray
+    """Predicted less measured over its full scale, row by row, nothing refitted."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,8 @@ def _left_out(fit: SeriesFit, trials: Sequence[Trial]) -> tuple[LeftOut, ...]:
         kept = [trial for trial, its in zip(trials, folds, strict=True) if its != fold]
         again = fit_series(fit.model, kept, [fit.theta], most=_REFIT)
         for n in np.flatnonzero(folds == fold).tolist():
-            bend = fit.model.bend_rad(again.theta, trials[n])
+            bend = again.prediction.bend_rad(trials[n])
             error, gain = scaled_error(bend, trials[n])
-            found[n] = LeftOut(trials[n].name, relative_error(bend, trials[n]), error, gain)
+            off = (bend - trials[n].bend_rad) / trials[n].full_scale_rad
+            found[n] = LeftOut(trials[n].name, relative_error(bend, trials[n]), error, gain, off)
     return tuple(found[n] for n in range(len(trials)))

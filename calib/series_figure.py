@@ -34,7 +34,7 @@ def draw_trials(calibration: SeriesCalibration) -> Figure:
     grid = figure.subplots(len(trials), 3, squeeze=False, width_ratios=(2.2, 1.4, 1.2))
     fit = calibration.fit
     for n, (trial, axes) in enumerate(zip(trials, grid, strict=True)):
-        predicted_deg = np.degrees(fit.model.bend_rad(fit.theta, trial))
+        predicted_deg = np.degrees(fit.prediction.bend_rad(trial))
         measured_deg = np.degrees(trial.bend_rad)
         half_deg = np.degrees(calibration.band * trial.full_scale_rad)
         over_time, residual, loop = axes

@@ -21,6 +21,7 @@ from scipy.optimize import least_squares
 from calib.bend_table import FloatArray
 from calib.recording import Trial
 from calib.series_model import SeriesModel
+from calib.series_prediction import SeriesPrediction
 from softbot.errors import SimulationError
 
 LOSS_SCALE = 0.03
@@ -30,7 +31,7 @@ TRIAL_SPREAD = 0.1
 _PRIOR = 0.05 / TRIAL_SPREAD  # in residuals: what a few independent rows would say of a bend known to 1 %
 _LEVEL = 100.0
 _GAIN_PRIOR = 0.05 / 0.2  # chambers of one robot are alike within a fifth or so
-_PULL = 1e-3
+_PULL = 0.05 / 5.0  # other coordinates stay where they began unless the rows say otherwise
 _MOST_EVALUATIONS = 30
 STARTS: tuple[dict[str, float], ...] = (
     {},
@@ -64,6 +65,11 @@ class SeriesFit:
     residual: FloatArray
     """Weighted residuals at `theta`, shape (rows,)."""
 
+    @property
+    def prediction(self) -> SeriesPrediction:
+        """What it says of trials."""
+        return SeriesPrediction(self.model, self.theta)
+
 
 def fit_series(
     model: SeriesModel,
@@ -86,7 +92,8 @@ def fit_series(
     cost, full = best
     theta, scale = problem.parted(full)
     residual, jacobian = problem.evaluate(full)
-    rms = [relative_error(one * model.bend_rad(theta, trial), trial) for one, trial in zip(scale, trials, strict=True)]
+    bends = SeriesPrediction(model, theta)
+    rms = [relative_error(one * bends.bend_rad(trial), trial) for one, trial in zip(scale, trials, strict=True)]
     return SeriesFit(model, theta, scale, np.array(rms), cost, jacobian[:, : len(theta)], residual)
 
 
@@ -100,13 +107,20 @@ def starts_of(model: SeriesModel, trials: Sequence[Trial]) -> list[FloatArray]:
         for _ in range(14):
             theta[place] = 0.5 * (low + high)
             try:
-                ratio = float(np.mean([model.largest_bend_rad(theta, t) / t.full_scale_rad for t in trials]))
+                bends = SeriesPrediction(model, theta)
+                ratio = float(np.mean([bends.largest_bend_rad(t) / t.full_scale_rad for t in trials]))
             except SimulationError:
                 ratio = math.inf
             low, high = (theta[place], high) if ratio > 1.0 else (low, theta[place])
         theta[place] = high
         found.append(theta)
     return found
+
+
+def trial_weights(trials: Sequence[Trial]) -> list[float]:
+    """What a bend of each trial counts [1/rad]."""
+    mean = np.mean([len(trial.t_s) for trial in trials])
+    return [math.sqrt(mean / len(trial.t_s)) / trial.full_scale_rad for trial in trials]
 
 
 def relative_error(bend_rad: FloatArray, trial: Trial) -> float:
@@ -120,8 +134,7 @@ class _Problem:
     def __init__(self, model: SeriesModel, trials: Sequence[Trial]) -> None:
         self.model, self.trials = model, trials
         self._free_scales = len(trials) if len(trials) > 1 else 0
-        mean = np.mean([len(trial.t_s) for trial in trials])
-        self._weights = [math.sqrt(mean / len(trial.t_s)) / trial.full_scale_rad for trial in trials]
+        self._weights = trial_weights(trials)
         self._at: FloatArray | None = None
         self._value: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty((0, 0)))
 
@@ -134,8 +147,9 @@ class _Problem:
         """Weighted residuals of the rows, shape (rows,), and their Jacobian, shape (rows, c + scales)."""
         theta, scale = self.parted(full)
         residuals, slopes = [], []
+        bends = SeriesPrediction(self.model, theta)
         for n, trial in enumerate(self.trials):
-            bend, slope = self.model.bend_and_slopes(theta, trial)
+            bend, slope = bends.bend_and_slopes(trial)
             weight = self._weights[n]
             residuals.append(weight * (scale[n] * bend - trial.bend_rad))
             own = np.zeros((len(bend), self._free_scales))
@@ -172,15 +186,14 @@ class _Problem:
             if self._at is None or not np.array_equal(full, self._at):
                 self._at = full.copy()
                 try:
-                    residual, slope = self.evaluate(full)
-                    self._value = (
-                        np.concatenate([residual, pull @ (full - begin)]),
-                        np.vstack([slope, pull]),
+                    residual, slope = _robust(*self.evaluate(full))
+                    self._value = _compressed(
+                        np.concatenate([residual, pull @ (full - begin)]), np.vstack([slope, pull])
                     )
                 except (SimulationError, np.linalg.LinAlgError):
                     if self._value[0].size == 0:
                         raise SimulationError("no equilibrium at the start") from None
-                    self._value = (np.full_like(self._value[0], 10.0), np.zeros_like(self._value[1]))
+                    self._value = (np.full_like(self._value[0], 1e3), np.zeros_like(self._value[1]))
             return self._value
 
         found = least_squares(
@@ -188,12 +201,27 @@ class _Problem:
             begin,
             jac=lambda full: both(full)[1],
             bounds=(low, high),
-            loss="soft_l1",
-            f_scale=LOSS_SCALE,
-            x_scale=1.0,
             ftol=3e-5,
             xtol=3e-5,
             gtol=1e-8,
             max_nfev=most,
         )
         return float(found.cost), found.x
+
+
+def _robust(residual: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals (k,) whose squares are the soft-L1 loss 2s²(√(1 + r²/s²) − 1) of r, and their slopes (k, c)."""
+    root = np.sqrt(1.0 + (residual / LOSS_SCALE) ** 2)
+    shrink = np.sqrt(2.0 / (1.0 + root))  # √ρ = |r| shrink
+    return residual * shrink, slope * (1.0 / (root * shrink))[:, None]
+
+
+def _compressed(residual: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """c + 1 residuals and slopes (c + 1, c) of the same sum of squares, gradient and normal matrix as (k,) and (k, c).
+
+    A solver by least squares goes the same way with them, without factoring thousands of rows each step.
+    """
+    whole = np.column_stack([slope, residual])
+    value, vector = np.linalg.eigh(np.einsum("ki,kj->ij", whole, whole))
+    root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
+    return root[:, -1], root[:, :-1]

@@ -18,6 +18,8 @@ from firmware_protocol.spec import spec
 if TYPE_CHECKING:
     import can
 
+    from firmware_protocol.controller_state import ControllerState
+
 HUB = "hub"
 _WITHOUT_BITRATE = frozenset({"virtual", "socketcan", "udp_multicast", HUB})
 """Interfaces whose bit rate is set elsewhere (`ip link set … bitrate`) or does not exist."""
@@ -81,10 +83,11 @@ def send(bus: can.BusABC, frames: Iterable[Frame], t_s: float) -> None:
             ) from error
 
 
-def drain(bus: can.BusABC) -> Iterator[tuple[Frame, float]]:
+def drain(bus: can.BusABC, controller: ControllerState | None = None) -> Iterator[tuple[Frame, float]]:
     """The classic data frames that have arrived, with their timestamps [s], until none is left; never waits.
 
-    Error, remote, extended and CAN FD frames are no part of the protocol and are left out.
+    Error, remote, extended and CAN FD frames are no part of the protocol and are left out; `controller`, if given,
+    takes over what the error frames say of this node's CAN controller.
     Raises BusError if the bus cannot be read (link down, adapter gone).
     """
     import can
@@ -96,6 +99,8 @@ def drain(bus: can.BusABC) -> Iterator[tuple[Frame, float]]:
             raise BusError(f"cannot receive on {bus.channel_info}: {error}; check that the bus is up") from error
         if message is None:
             return
+        if message.is_error_frame and controller is not None:
+            controller.take(message.arbitration_id, bytes(message.data))
         frame = to_frame(message)
         if frame is not None:
             yield frame, message.timestamp

@@ -26,7 +26,7 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from firmware_protocol.bus_load import worst_case_frame_bits
@@ -111,8 +111,8 @@ class _Waiting:
 
     priority: tuple[int, ...]
     number: int
-    record: bytes
-    sender: _Client
+    record: bytes = field(compare=False)
+    sender: _Client = field(compare=False)
 
 
 class _Client:
@@ -127,9 +127,6 @@ class _Client:
         self.to_read: deque[bytes] = deque()
         self.half_read = b""
         self.dropped = 0
-
-    def __lt__(self, other: _Client) -> bool:
-        return False
 
 
 class Hub:
@@ -391,9 +388,12 @@ def main() -> None:
 
 
 def _into_the_background() -> None:
-    """Outlive the node that needed the hub first, its session and its terminal."""
-    if os.fork():
-        os._exit(0)
+    """Outlive the node that needed the hub first."""
+    # The one that was started is done, and leaves the socket to the one that goes on.
+    sys.exit() if os.fork() else _leave_the_terminal()
+
+
+def _leave_the_terminal() -> None:
     os.setsid()
     nowhere = os.open(os.devnull, os.O_RDWR)
     for number in (0, 1, 2):

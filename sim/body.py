@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from softbot.errors import SimulationError
 from softbot.robot import Robot
 
 FloatArray = NDArray[np.float64]
@@ -100,6 +101,14 @@ class Motion:
     """Unit vector from the first end to the last, shape (3,)."""
     angular_momentum_kg_m2_s: FloatArray
     """About the centre of mass, shape (3,)."""
+
+
+class BrokenOff(SimulationError):
+    """A twin left its range while it played; `rows` of motion are what it played before, shape (n, ROW_SIZE)."""
+
+    def __init__(self, message: str, rows: FloatArray) -> None:
+        super().__init__(message)
+        self.rows = rows
 
 
 class Twin(Protocol):

@@ -64,6 +64,7 @@ class Recorder:
         self._batch_rows = _ROWS_IN_MEMORY if run_dir is None else FLUSH_ROWS
         self._start_batch()
         self._samples = 0
+        self.sample_s = sample_s
         self._shape_every = max(1, round(SHAPE_PERIOD_S / sample_s))
         self._writer: TableWriter | None = None
         self._shapes: TableWriter | None = None

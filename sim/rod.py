@@ -9,12 +9,16 @@ Left out: shear, stretch that varies along the tube, contact of the tube with it
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.body import Body, Motion, World
+from sim import motion_rows
+from sim.between_steps import Instant, instants_between
+from sim.body import Body, BrokenOff, Motion, World
 from sim.motion_rows import (
     ANGULAR_MOMENTUM,
     ANGULAR_VELOCITY,
@@ -31,10 +35,23 @@ from sim.motion_rows import (
 from sim.rod_drive import hold
 from sim.rod_ground import NO_GROUND, PIPE, PLANE, SPOTS, STEP
 from sim.rod_kernel import play
-from sim.rod_memory import ADVICE, ASLEEP, CREATED, KINKED, RESTED, TIME, WORK, Layout, Physics, carve, rod_memory
+from sim.rod_memory import (
+    ADVICE,
+    ASLEEP,
+    AUDITED,
+    CREATED,
+    KINKED,
+    RESTED,
+    TIME,
+    WORK,
+    Layout,
+    Physics,
+    carve,
+    rod_memory,
+)
 from sim.rod_rest import set_rest
 from sim.rod_rule import is_even, mode_shares, rod_outline, rod_rule
-from softbot.errors import InputError, SimulationError
+from softbot.errors import InputError
 
 FloatArray = NDArray[np.float64]
 
@@ -42,6 +59,10 @@ FloatArray = NDArray[np.float64]
 _CONTACT_SINK = {NO_GROUND: 0.01, PLANE: 0.01, STEP: 0.001, PIPE: 0.001}
 _STUBBY, _STUBBY_SINK = 6.0, 0.005  # a tube shorter than so many radii stands unevenly on its friction
 _CONTACT_DAMPING_RATIO = 1.0
+_LIMP, _LIMP_SINK = (
+    40.0,
+    0.002,
+)  # a tube of more than that λgL³/EI may rest as an arch on its tips, a lighter one topples
 _LEAST_GRAVITY_M_S2 = 1.0  # for the ground's stiffness, where there is less or none
 _SLEEP_SPEED = 1e-5  # of √(gR): slower is at rest
 _OUTLINE_PLACES = 17  # on each half of the tube, the middle counted twice
@@ -126,6 +147,7 @@ class RodTwin:
         if stretches:
             self._state.strain[-1] = self._state.rest_strain[-1] = 1.0
         self._row = np.zeros((1, ROW_SIZE))
+        self._ghost: RodTwin | None = None
         self.set_rest(np.array([1.0, 0.0, 0.0]), body.rest_stiffness())
         self._find_natural_rates()
 
@@ -187,6 +209,7 @@ class RodTwin:
         self._state.position_m[2] += lift_m
         base = self._work.column[: self._layout.base].astype(int)
         self._state.velocity[base] = velocity[base]
+        self._state.flag[AUDITED] = 0.0  # other energy than it had
         self.wake()
 
     def wake(self) -> None:
@@ -231,8 +254,8 @@ class RodTwin:
     def play(self, drive: FloatArray, samples: int, steps: int) -> FloatArray:
         """Advance by `samples` times `steps` steps, driven by `drive` (`sim.rod_drive.drive_array`).
 
-        Returns a row of `sim.motion_rows` after each sample, shape (samples, ROW_SIZE). Raises SimulationError when
-        the state is no longer finite.
+        Returns a row of `sim.motion_rows` after each sample, shape (samples, ROW_SIZE). Raises BrokenOff, with the rows
+        that were played, when the state is no longer finite.
         """
         rows = np.empty((samples, ROW_SIZE))
         self._play(drive, samples, steps, rows)
@@ -241,9 +264,10 @@ class RodTwin:
     def _play(self, drive: FloatArray, samples: int, steps: int, rows: FloatArray) -> None:
         done = play(self._memory, self._layout, self._physics, drive, samples, steps, rows)
         if done < samples:
-            raise SimulationError(
+            raise BrokenOff(
                 f"the rod twin left its range at t = {self.t_s:.4g} s (a strain or a speed is not finite, or the tube "
-                "shrank to nothing): use a milder command or a heavier, softer or more damped robot"
+                "shrank to nothing): use a milder command or a heavier, softer or more damped robot",
+                rows[:done],
             )
 
     def strain(self) -> FloatArray:
@@ -286,6 +310,54 @@ class RodTwin:
     def symmetric(self) -> bool:
         """Whether the tube is its own mirror image about x = 0."""
         return self._physics.mirrored
+
+    @property
+    def modes(self) -> int:
+        """Shape functions of each bend and of the twist."""
+        return self._modes
+
+    @property
+    def radius_m(self) -> float:
+        """Of the tube [m]."""
+        return self._body.radius_m
+
+    def copy(self) -> RodTwin:
+        """Another twin in the same state, which goes its own way."""
+        other = copy.copy(self)
+        other._memory, other._row, other._ghost = self._memory.copy(), self._row.copy(), None
+        other._state, other._rule, other._contacts, other._work, _ = carve(other._memory, self._layout)
+        return other
+
+    def instant(self) -> Instant:
+        """What the robot's pose, shape and motion follow from now."""
+        state = self._state
+        row = self._look()
+        parts = (state.position_m, state.rotation, state.strain, state.velocity, state.momentum, state.flag, row)
+        return Instant(*(part.copy() for part in parts))
+
+    def between(self, start: Instant, end: Instant, count: int) -> Iterator[tuple[FloatArray, RodTwin]]:
+        """Row of motion and rod, as it was, at each of the `count` − 1 instants between two ends of a step.
+
+        The rod is the same one each time, and each time it is elsewhere.
+        """
+        if self._ghost is None:
+            self._ghost = self.copy()
+        for instant in instants_between(start, end, count, self.modes, self.radius_m):
+            row = self._ghost._show(instant)
+            for column in (motion_rows.TIME, motion_rows.ENERGY, motion_rows.WORK):
+                row[column] = instant.row[column]
+            yield row, self._ghost
+
+    def _show(self, instant: Instant) -> FloatArray:
+        """Take pose, shape and motion of another instant; the row of motion there. Not to be stepped from."""
+        state = self._state
+        for part, value in zip(
+            (state.position_m, state.rotation, state.strain, state.velocity, state.momentum, state.flag),
+            instant[:-1],
+            strict=True,
+        ):
+            part[...] = value
+        return self.row()
 
     def shape(self) -> tuple[FloatArray, FloatArray]:
         """Centre line (n, 3) [m] and section axis e1 (n, 3) along the robot now, equally spaced, ends included."""
@@ -361,13 +433,18 @@ def _physics(
     stretches: bool,
 ) -> Physics:
     gravity = world.gravity_vector_m_s2
-    sink = min(_CONTACT_SINK[ground], _STUBBY_SINK if body.length_m < _STUBBY * body.radius_m else math.inf)
+    sink = _CONTACT_SINK[ground]
+    if body.length_m < _STUBBY * body.radius_m:
+        sink = min(sink, _STUBBY_SINK)
+    if body.mass_kg * world.gravity_m_s2 * body.length_m**2 > _LIMP * body.bending_stiffness_N_m2:
+        sink = min(sink, _LIMP_SINK)
     stiffness_1_s2 = max(world.gravity_m_s2, _LEAST_GRAVITY_M_S2) / (sink * body.radius_m)
     viscous = world.friction_law == "viscous"
     return Physics(
         step_s=float(step_s),
         tolerance=float(tolerance),
         radius_m=float(body.radius_m),
+        tightest_1_m=float(min(1.0 / body.radius_m, 2.0 * math.pi / body.length_m)),
         length_m=float(body.length_m),
         mass_kg=float(body.mass_kg),
         gravity_x_m_s2=float(gravity[0]),

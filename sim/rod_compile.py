@@ -23,6 +23,6 @@ inlined = njit(inline="always")
 def source_stamp() -> str:
     """Digest of the rod twin's source files."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("rod*.py")):
+    for path in sorted(Path(__file__).parent.glob("rod_*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -21,16 +21,16 @@ _WATCHED_STEPS = 512.0  # halved and audited one by one after one that had made 
 
 
 @inner
-def softened_moment(bend_squared: float, a: float, radius_m: float) -> tuple[float, float]:
+def softened_moment(bend_squared: float, a: float, tightest_1_m: float) -> tuple[float, float]:
     """1 − (passive moment over EIκ), and the elastic energy that is missing over EI, of a section that ovalises.
 
-    Beyond the kink it hardly resists, until at κ = 1/R its inner side folds on itself.
+    Beyond the kink it hardly resists, until at `tightest_1_m` its inner side folds on itself or its ends meet.
     """
     kink_squared = 1.0 / (3.0 * a)
     if bend_squared <= kink_squared:
         return a * bend_squared, 0.25 * a * bend_squared * bend_squared
     kink, bend = np.sqrt(kink_squared), np.sqrt(bend_squared)
-    fold = max(kink, 1.0 / radius_m)
+    fold = max(kink, tightest_1_m)
     beyond, folded = min(bend, fold) - kink, max(bend - fold, 0.0)
     moment = kink * 2.0 / 3.0 + _AFTER_KINK * beyond
     energy = 5.0 / 12.0 * kink_squared + beyond * (kink * 2.0 / 3.0 + 0.5 * _AFTER_KINK * beyond)
@@ -67,7 +67,7 @@ def mechanical_energy_J(state: State, physics: Physics, rule: Rule, work: Work) 
     if physics.softening_m2 > 0.0:
         for i in range(rule.root_mass.shape[0]):
             bend_squared = curvature_squared(i, state.strain, rule.mode)
-            _, less = softened_moment(bend_squared, physics.softening_m2, physics.radius_m)
+            _, less = softened_moment(bend_squared, physics.softening_m2, physics.tightest_1_m)
             missing += less * physics.bending_N_m2 * physics.length_m * rule.root_mass[i] ** 2 / physics.mass_kg
     fallen = (
         (state.position_m[0] + work.arm_m[0]) * physics.gravity_x_m_s2

@@ -146,7 +146,7 @@ def elastic_forces(
 
 @inner
 def softening(
-    h: float, softening_m2: float, radius_m: float, stiffness_1_kg: float, base: int, column: FloatArray,
+    h: float, softening_m2: float, tightest_1_m: float, stiffness_1_kg: float, base: int, column: FloatArray,
     strain: FloatArray, rule: Rule, scratch: FloatArray, vector: FloatArray,
 ) -> None:  # fmt: skip
     """Add what ovalisation takes off the bending moment. stiffness_1_kg: EI L/m; strain: as the rod is placed."""
@@ -158,7 +158,7 @@ def softening(
             p = rule.mode[m, i] * rule.outward[i]
             x += p * strain[3 * m]
             y += p * strain[3 * m + 1]
-        less, _ = softened_moment(x * x + y * y, softening_m2, radius_m)
+        less, _ = softened_moment(x * x + y * y, softening_m2, tightest_1_m)
         share = less * stiffness_1_kg * rule.root_mass[i] ** 2 * rule.outward[i]
         first[i], second[i] = share * x, share * y
     for a in range(base, column.shape[0]):

@@ -236,8 +236,9 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
         )  # fmt: skip
         if physics.softening_m2 > 0.0:
             softening(
-                h, physics.softening_m2, physics.radius_m, physics.bending_N_m2 * physics.length_m / physics.mass_kg,
-                base, column, work.strain, rule, work.triple[0], vector,
+                h, physics.softening_m2, physics.tightest_1_m,
+                physics.bending_N_m2 * physics.length_m / physics.mass_kg, base, column, work.strain, rule,
+                work.triple[0], vector,
             )  # fmt: skip
         if not factorise(matrix, size):
             copy_into(work.before, velocity)
@@ -372,6 +373,8 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         pushed = dot(state.push_N, state.push_N) + dot(state.push_N_m, state.push_N_m) > 0.0
         if pushed:  # the work of these is in no ledger
             flag[AUDITED] = 0.0
+        if steps > 0 and not pushed and flag[AUDITED] == 0.0:  # what the first step may not exceed
+            audit_energy(state, physics, rule, contacts, work, layout)
         quiet_s = quiet_until_s(drive) - 2.0 * macro  # a straight tube that sleeps has nothing to look at until then
         if drive[0] > 0.0 and (state.rest_strain[0] != 0.0 or state.rest_strain[1] != 0.0):
             quiet_s = -1.0

@@ -52,6 +52,8 @@ class Physics(NamedTuple):
     step_s: float
     tolerance: float
     radius_m: float
+    tightest_1_m: float
+    """Curvature at which a kinked tube resists again: its inner side folds, or its ends meet."""
     length_m: float
     mass_kg: float
     gravity_x_m_s2: float

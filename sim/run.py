@@ -2,15 +2,16 @@
 
 `simulate` runs drives of a given curvature or contraction by itself: a twin that plays a drive inside compiled code
 does so in blocks of half a second, between which rows are recorded, faults strike and an interrupt is heard; any other
-twin goes step by step. Driven by pressure, the valves need someone who opens them: a `ValveController` (the valve
-board's pressure loop), handed in by whoever composes the run. Scenes that a sequencer drives are run by the nodes, on a
-bus.
+twin goes step by step. Where a step is longer than the control period, a twin that knows where it was between two steps
+fills in the samples (`sim.between_steps`), unless only the summary is asked for. Driven by pressure, the valves need
+someone who opens them: a `ValveController` (the valve board's pressure loop), handed in by whoever composes the run.
+Scenes that a sequencer drives are run by the nodes, on a bus.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -20,7 +21,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from sim import motion_rows
-from sim.body import Body, Twin
+from sim.between_steps import Instant
+from sim.body import Body, BrokenOff, Twin
 from sim.drive import active_side_rad, amplitude, bend_1_m, lost_shares, pressures_Pa
 from sim.recorder import Record, Recorder, samples_of
 from sim.resolution import growing_step_s
@@ -58,6 +60,17 @@ class PlayingTwin(Twin, Protocol):
         """Run samples × steps steps under `drive` (`sim.rod_drive.drive_array`); a row of motion for each sample."""
 
 
+@runtime_checkable
+class FilledTwin(PlayingTwin, Protocol):
+    """One that knows where it was between two steps."""
+
+    def instant(self) -> Instant:
+        """The twin now."""
+
+    def between(self, start: Instant, end: Instant, count: int) -> Iterator[tuple[FloatArray, Twin]]:
+        """Row of motion and twin as it was at each of the `count` − 1 instants between two ends of a step."""
+
+
 @dataclass(frozen=True)
 class RunResult:
     """Summary (as in `summary.json`) and telemetry of a run."""
@@ -91,13 +104,15 @@ def simulate(
         if scene.solver.question == "equilibrium":
             return _at_rest(scene, twin, run_dir, record)
         steps = steps_per_period(twin.step_s)
-        recorder = Recorder(scene, run_dir, record=record, sample_s=sample_period_s(twin.step_s))
+        filled = twin if record == "all" and isinstance(twin, FilledTwin) else None
+        sample_s = sample_period_s(twin.step_s) if filled is None else CONTROL_PERIOD_S
+        recorder = Recorder(scene, run_dir, record=record, sample_s=sample_s)
         if scene.drive.kind == "pressure":
             if valves is None:
                 raise InputError('drive.kind = "pressure": needs a valve controller (softbot.nodes.run_scene has one)')
             return run_samples(scene, recorder, steps, _given_pressures(scene, twin, recorder, steps, valves), progress)
         if isinstance(twin, PlayingTwin):
-            advance = _InBlocks(scene, twin, recorder).advance
+            advance = _InBlocks(scene, twin, recorder, filled).advance
         else:
             advance = _StepByStep(scene, twin, recorder).advance
         return _run(scene, recorder, twin.step_s, advance, progress)
@@ -169,8 +184,7 @@ class _Given:
 
     def __init__(self, scene: Scene, twin: Twin, recorder: Recorder) -> None:
         self._scene, self._recorder = scene, recorder
-        self._step_s, self._sample_s = twin.step_s, sample_period_s(twin.step_s)
-        self._steps = steps_per_period(twin.step_s)
+        self._step_s, self._sample_s = twin.step_s, recorder.sample_s
         self._conditions = PlantConditions(scene.fault)
         # a fault acts in the step at whose end it is due
         self._strikes = [max(0, math.ceil(fault.t_s / self._step_s - 1e-9) - 1) for fault in self._conditions.faults]
@@ -201,7 +215,7 @@ class _Given:
         return self._strikes[active] - step if active < len(self._strikes) else None
 
     def record(self, rows: FloatArray, done: int) -> None:
-        """The next samples after the first `done`, but for their shapes."""
+        """The next samples after the first `done` that were recorded, but for their shapes."""
         t_s = np.asarray((done + 1 + np.arange(len(rows))) * self._sample_s, dtype=np.float64)
         rows[:, motion_rows.TIME] = t_s
         k1, k2 = rows[:, motion_rows.CURVATURE].T
@@ -210,13 +224,18 @@ class _Given:
 
 
 class _InBlocks:
-    """A given curvature played by the twin itself, in blocks."""
+    """A given curvature played by the twin itself, in blocks.
 
-    def __init__(self, scene: Scene, twin: PlayingTwin, recorder: Recorder) -> None:
+    filled: the twin again, if it is to fill in samples where its step is longer than a control period.
+    """
+
+    def __init__(self, scene: Scene, twin: PlayingTwin, recorder: Recorder, filled: FilledTwin | None = None) -> None:
         self._scene, self._twin, self._recorder = scene, twin, recorder
         self._given = _Given(scene, twin, recorder)
         self._sample_s, self._steps = sample_period_s(twin.step_s), steps_per_period(twin.step_s)
         self._total = samples_of(scene, self._sample_s)
+        self._parts = round(self._sample_s / recorder.sample_s)
+        self._filled = filled if self._parts > 1 else None
         self._asleep = False
         self._failure: SimulationError | None = None
 
@@ -227,15 +246,18 @@ class _InBlocks:
         end, parts, at = done + self._block(done), [], done
         try:
             while at < end:
-                rows = self._play(at, end)
+                rows = self._play(at, end) if self._filled is None else self._play_filled(self._filled, at, end)
                 parts.append(rows)
-                at += len(rows)
+                at += len(rows) // self._parts
                 self._asleep = bool(rows[-1, motion_rows.ASLEEP] == 1.0)
         except SimulationError as error:
+            if isinstance(error, BrokenOff) and len(error.rows) > 0:
+                parts.append(error.rows)
+                at += len(error.rows)
             if not parts:
                 raise
             self._failure = error  # once what came before it is recorded
-        self._given.record(np.concatenate(parts), done)
+        self._given.record(np.concatenate(parts), done * self._parts)
         return at - done
 
     def _play(self, at: int, end: int) -> FloatArray:
@@ -257,6 +279,32 @@ class _InBlocks:
         if every is not None:
             self._record_shapes(rows, at, every)
         return rows
+
+    def _play_filled(self, twin: FilledTwin, at: int, end: int) -> FloatArray:
+        """The next step, with the samples in it; many of them at once while the robot sleeps."""
+        every, parts = self._recorder.shape_every, self._parts
+        undisturbed = self._undisturbed(at) if self._asleep else 0
+        start = twin.instant() if undisturbed < 1 else None
+        count = min(end - at, max(1, undisturbed))
+        ahead = self._given.strike(at)
+        if ahead is not None and ahead < count:
+            count = max(1, ahead)
+        self._recorder.start_clock()
+        rows = twin.play(self._given.numbers, count, 1)
+        self._recorder.stop_clock()
+        filled = np.repeat(rows, parts, axis=0)
+        first = at * parts
+        due = range(first + -first % every, first + len(filled), every) if every is not None else range(0)
+        if start is None:
+            self._recorder.shape([(n + 1) * self._recorder.sample_s for n in due], twin)
+            return filled
+        for j, (row, then) in enumerate(twin.between(start, twin.instant(), parts)):
+            filled[j] = row
+            if first + j in due:
+                self._recorder.shape(((first + j + 1) * self._recorder.sample_s,), then)
+        if first + parts - 1 in due:
+            self._recorder.shape(((first + parts) * self._recorder.sample_s,), twin)
+        return filled
 
     def _undisturbed(self, at: int) -> int:
         """Samples from `at` on in which the drive leaves a sleeping robot alone, so that its shape stays."""

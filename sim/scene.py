@@ -230,6 +230,12 @@ class Scene(pydantic.BaseModel):
     @pydantic.model_validator(mode="after")
     def _robot_does_it(self) -> Self:
         kind, robot = self.drive.kind, self.robot
+        lead_rad, free = self.drive.lead_rad, self.world.ground == "none" and robot.damping_time_s == 0.0
+        if free and lead_rad is not None and abs(lead_rad) > 0.5 * math.pi:
+            raise ValueError(
+                f"drive.lead_rad = {lead_rad:g}: a lag takes back a quarter of a turn at most, and afloat an undamped "
+                "robot would spin up without end; take less than π/2, a robot.damping_time_s or a ground"
+            )
         if kind in ("pressure", "sequencer") and robot.actuation == "muscle":
             raise ValueError(
                 f'drive.kind = "{kind}": presses chambers, and robot.actuation = "muscle" has none; take "contraction" '

@@ -159,20 +159,25 @@ class ActuatorLaw:
             )
         return Equilibrium(float(strain[0]), strain[1:], stiffness, jacobian)
 
-    def equilibria(self, pressure_Pa: ArrayLike, start: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    def equilibria(
+        self, pressure_Pa: ArrayLike, start: FloatArray | None = None, *, along: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
         """`equilibrium` for many pressures at once, shape (n, 4) [Pa gauge], without the Jacobians.
 
         Returns strains (ℓ, k1, k2), shape (n, 3), and tangent stiffnesses, shape (n, 3, 3). `start`, shape (n, 3),
-        are strains to begin from (those of a law nearby). Raises as `equilibrium` does.
+        are strains to begin from (those of a law nearby). `along`: the rows follow each other closely, and each is
+        begun from the row before it. Raises as `equilibrium` does.
         """
         pressure = np.asarray(pressure_Pa, dtype=float)
         if pressure.ndim != 2 or pressure.shape[1] != CHAMBERS or not np.all(np.isfinite(pressure)):
             raise InputError(f"pressure_Pa of shape {pressure.shape}: give rows of {CHAMBERS} finite numbers")
         strain = np.tile([1.0, 0.0, 0.0], (len(pressure), 1)) if start is None else np.array(start, dtype=float)
+        if strain.shape != (len(pressure), 3):
+            raise InputError(f"start of shape {strain.shape}: give the strains of {len(pressure)} rows")
         stiffness = np.empty((len(pressure), 3, 3))
         effective_Pa = np.maximum(pressure - self.dead_band_Pa, 0.0) + np.minimum(pressure, 0.0)
         loads = np.ascontiguousarray(effective_Pa @ self._load.T)
-        failed = equilibria_under(self._points, *self._material(), loads, strain, stiffness)
+        failed = equilibria_under(self._points, *self._material(), loads, along, strain, stiffness)
         if failed >= 0:
             raise SimulationError(
                 f"no equilibrium of the section at pressures {pressure[failed].tolist()} Pa: they crush or burst it"

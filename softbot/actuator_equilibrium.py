@@ -97,7 +97,7 @@ def solve_strain(
             if fraction < 1e-6:
                 return False
         strain[:] = trial
-        if size < 1e-13:
+        if size < 1e-10:  # what is left is of its square
             return True
     return size < 1e-9
 
@@ -136,11 +136,21 @@ def equilibria_under(
     code: int,
     wall: FloatArray,
     loads: FloatArray,
+    along: bool,
     strains: FloatArray,
     stiffnesses: FloatArray,
 ) -> int:
-    """`_solve` for each row of `loads`; the first row without an equilibrium, or -1."""
+    """`solve_strain` for each row of `loads`, shape (n, 3); the first row without an equilibrium, or -1.
+
+    `along`: from the row before it, moved on by its tangent, instead of what stands in the row of `strains`.
+    """
+    step = np.empty(3)
     for n in range(loads.shape[0]):
+        if along and n > 0:
+            more = loads[n] - loads[n - 1]
+            strains[n] = strains[n - 1]
+            if _solve_symmetric(stiffnesses[n - 1], more[0], more[1], more[2], step):
+                strains[n] += step
         if not solve_strain(points, code, wall, loads[n], strains[n], stiffnesses[n]):
             return n
     return -1

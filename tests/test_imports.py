@@ -3,7 +3,7 @@
 firmware_protocol       nothing of ours
 softbot (the core)      the core
 calib, sim, controllers themselves and the core
-softbot.report          itself, the core, sim
+softbot.report          itself, the core, sim, calib
 softbot.nodes           everything but softbot.campaign and softbot.cli
 softbot.campaign        everything but softbot.cli
 softbot.cli             everything
@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "calib": {"softbot"},
     "sim": {"softbot"},
     "controllers": {"softbot"},
-    "softbot.report": {"softbot", "sim"},
+    "softbot.report": {"softbot", "sim", "calib"},
     "softbot.nodes": {"firmware_protocol", "softbot", "calib", "sim", "controllers", "softbot.report"},
     "softbot.campaign": {"firmware_protocol", "softbot", "sim", "controllers", "softbot.report", "softbot.nodes"},
     "softbot.cli": {

@@ -18,6 +18,7 @@ from softbot.cli.hub import hub
 from softbot.cli.inverse import inverse
 from softbot.cli.materials import materials
 from softbot.cli.monitor import monitor
+from softbot.cli.parameters import parameters
 from softbot.cli.plant import plant
 from softbot.cli.predict import predict
 from softbot.cli.pressure_loop import pressure_loop
@@ -48,6 +49,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "sequence": sequence,
     "hub": hub,
     "monitor": monitor,
+    "parameters": parameters,
     "replay": replay,
     "campaign": campaign,
     "bench": bench,

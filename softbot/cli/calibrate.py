@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console
     from rich.table import Table
 
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    table: Annotated[Path, typer.Argument(help="CSV or .xlsx with pressures and bends: pressure_kPa,bend_deg …")],
+    table: Annotated[
+        Path | None, typer.Argument(help="CSV or .xlsx with pressures and bends: pressure_kPa,bend_deg …")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Robot file to write (TOML).")] = None,
     length_mm: Annotated[float | None, typer.Option(help="Length at rest; else from the table, or assumed.")] = None,
     radius_mm: Annotated[float | None, typer.Option(help="Outer radius; else fitted, or assumed.")] = None,
@@ -28,13 +32,26 @@ def calibrate(
         typer.Option(help="What the header does not say: pressure=HEADER:kPa,bend=HEADER:deg (or column numbers)."),
     ] = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook that has several tables.")] = None,
-    law: Annotated[str, typer.Option(help="Wall material: auto, linear, neo-hookean, yeoh or gent.")] = "auto",
+    law: Annotated[
+        str, typer.Option(help="Wall material: auto, linear, neo-hookean, mooney-rivlin, yeoh or gent.")
+    ] = "auto",
     name: Annotated[str | None, typer.Option(help="Name of the robot; else the table's.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of table, fit and band (PNG, SVG or PDF).")] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="PAGE.html", help="Page to write: curves, residuals, what was chosen and why."),
+    ] = None,
     transfer: Annotated[
         bool, typer.Option(help="Of a recording: fit each trial alone and judge it on the others of its chambers.")
     ] = False,
     static: Annotated[bool, typer.Option(help="Read a recording as a table of holds, without memory.")] = False,
+    memory: Annotated[
+        bool, typer.Option(help="Of a table of holds: write what stays after a release as [memory], too.")
+    ] = False,
+    self_test: Annotated[
+        int | None,
+        typer.Option(metavar="ROBOTS", min=1, max=10_000, help="No table: calibrate random robots that are known."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Fit the actuator law to a measured table or recording and write a robot file.
@@ -48,9 +65,19 @@ def calibrate(
 
     from softbot.errors import InputError
 
-    for option, path in (("--out", out), ("--plot", plot)):
-        if path is not None and path.exists() and table.exists() and path.samefile(table):
+    if self_test is not None:
+        if table is not None:
+            raise InputError(f"{table}: --self-test makes its own tables; leave one of the two out")
+        _self_test(self_test, json)
+        return
+    if table is None:
+        raise InputError("no table: name a CSV or .xlsx file (or ask for --self-test 100)")
+    files = {name: path for name, path in (("--out", out), ("--plot", plot), ("--report", report)) if path is not None}
+    for option, path in files.items():
+        if path.exists() and table.exists() and path.samefile(table):
             raise InputError(f"{option} {path}: is the table itself, which would be lost; name another file")
+        if sum(path.resolve() == other.resolve() for other in files.values()) > 1:
+            raise InputError(f"{option} {path}: is named for two things to write; name a file for each")
     if length_mm is not None and not 1.0 <= length_mm <= 1e5:
         raise InputError(f"--length-mm {length_mm:g}: a robot is 1 mm to 100 m long; give its length in millimetres")
 
@@ -62,7 +89,8 @@ def calibrate(
         from calib.plausibility import checked
         from calib.recording import is_recording
         from calib.table import read_rows
-        from softbot.toml_file import write_toml
+        from softbot.robot import Robot
+        from softbot.toml_file import check, write_toml
 
         geometry = Geometry(_scaled(length_mm), _scaled(radius_mm), _scaled(mass_g))
         rows = read_rows(table, columns=columns, length_m=geometry.length_m, sheet=sheet)
@@ -70,34 +98,77 @@ def calibrate(
         if transfer and not recorded:
             raise InputError(f"{table}: --transfer judges recordings; this is a table of holds: leave the option out")
         calibration: Calibration | SeriesCalibration
+        robot_name = name or _robot_name(table)
         judged: list[Transfer] = []
         if recorded:
             from calib.series_calibration import calibrate_recording, transfers
 
             if transfer:
                 judged = transfers(rows, geometry, law)
-            calibration = calibrate_recording(rows, geometry, law)
+            recording = calibrate_recording(rows, geometry, law)
+            calibration, robot = recording, recording.robot_table(robot_name)
         else:
-            calibration = calibrate_table(checked(rows), geometry, law)
-        robot_name = name or _robot_name(table)
-        calibration.robot(robot_name)  # refuses what is no robot before anything is written
+            holds = calibrate_table(checked(rows), geometry, law)
+            calibration, robot = holds, holds.robot_table(robot_name, memory=memory)
+        check(Robot, robot, f"{table}: the calibrated robot")  # refuses what is no robot before anything is written
     if out is not None:
-        write_toml(out, calibration.robot_table(robot_name))
+        write_toml(out, robot)
     if plot is not None:
         _save_plot(calibration, plot)
+    if report is not None:
+        from softbot.report.calibration_page import write_calibration_page
+
+        write_calibration_page(calibration, report, judged)
     if json:
-        report = calibration.report() | {"robot": str(out) if out else None, "plot": str(plot) if plot else None}
+        found = calibration.report()
+        found |= {
+            what: str(path) if path else None for what, path in (("robot", out), ("plot", plot), ("page", report))
+        }
         if judged:
-            report["transfers"] = [asdict(one) for one in judged]
-        print(json_format.dumps(report, allow_nan=False))
+            found["transfers"] = [asdict(one) for one in judged]
+        print(json_format.dumps(found, allow_nan=False))
         return
     console = Console()
     _show(console, calibration)
     if judged:
         _show_transfers(console, judged)
-    for label, path in (("robot", out), ("plot", plot)):
-        if path is not None:
-            typer.echo(f"{label}: {path}")
+    for label, written in (("robot", out), ("plot", plot), ("page", report)):
+        if written is not None:
+            typer.echo(f"{label}: {written}")
+
+
+def _self_test(robots: int, json: bool) -> None:
+    """Print how often known robots lie in the intervals that are found for them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from softbot.cli.streams import messages
+
+    with messages().status("compiling …") as status:
+        from calib.self_test import holds_coverage, recordings_coverage
+
+        def tell(what: str, of: int) -> Callable[[int], None]:
+            return lambda done: status.update(f"{what}: {done} of {of} robots")
+
+        recorded = max(robots // 5, 1)
+        found = {
+            "tables of holds": holds_coverage(robots, told=tell("tables of holds", robots)),
+            "recordings": recordings_coverage(recorded, told=tell("recordings", recorded)),
+        }
+    if json:
+        print(json_format.dumps({"kind": "self-test", **{what: one.report() for what, one in found.items()}}))
+        return
+    for what, one in found.items():
+        report = one.report()
+        table = Table(
+            title=f"{what}: {one.robots} robots, {report['share_percent']:.1f} % inside", title_justify="left"
+        )
+        table.add_column("true value inside its 95 % interval or band")
+        for heading in ("inside", "of", "%"):
+            table.add_column(heading, justify="right")
+        for name, (inside, of) in (report["parameters"] | report["bands"]).items():
+            table.add_row(name, str(inside), str(of), f"{100.0 * inside / of:.1f}")
+        Console().print(table)
 
 
 def _save_plot(calibration: Calibration | SeriesCalibration, plot: Path) -> None:
@@ -139,21 +210,29 @@ def _show(console: Console, calibration: Calibration | SeriesCalibration) -> Non
         parameters.add_row(key, f"{one.value:.4g}", interval, "" if one.unit == "1" else one.unit)
     console.print(parameters)
     console.print(_trials(report) if recorded else _errors(report))
+    if not recorded and report["lack_of_fit_p"] is not None:
+        verdict = "more than the repeats explain" if report["lack_of_fit_p"] < 0.05 else "no more than repeats differ"
+        console.print(f"lack-of-fit test (F, bends and lengths together): p = {report['lack_of_fit_p']:.2f}, {verdict}")
     for text in report["assumptions"]:
         console.print(f"assumed: {text}", style="dim", markup=False, highlight=False)
     for text in report["warnings"]:
         console.print(f"warning: {text}", style="yellow", markup=False, highlight=False)
+    for one in report.get("measure_next", ()):
+        console.print(f"measure next: {one['words']}", markup=False, highlight=False)
 
 
 def _errors(report: dict[str, Any]) -> Table:
     from rich.table import Table
 
     errors = Table(title="errors in % of full scale", title_justify="left")
-    for heading in ("", "full scale", "fit (rms)", "leave one out", "between repeats"):
+    released = report["release_rms_bend_percent"] is not None
+    kinds = {"rms": "fit (rms)", "loo": "leave one out", "repeat": "between repeats"}
+    kinds |= {"release_rms": "releases"} if released else {}
+    for heading in ("", "full scale", *kinds.values()):
         errors.add_column(heading, justify="right" if heading else "left")
     for kind, unit in (("bend", "deg"), ("length", "mm")):
         if f"rms_{kind}_percent" in report:
-            shares = [report[f"{error}_{kind}_percent"] for error in ("rms", "loo", "repeat")]
+            shares = [report[f"{error}_{kind}_percent"] for error in kinds]
             full_scale = f"{report[f'full_scale_{kind}_{unit}']:.1f} {unit}"
             errors.add_row(kind, full_scale, *("–" if share is None else f"{share:.1f}" for share in shares))
     return errors

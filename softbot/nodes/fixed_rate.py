@@ -1,7 +1,8 @@
 """A loop at a fixed rate on the machine's clock: absolute deadlines, and how well they were kept.
 
 Deadlines are start + n × period, so that a late cycle does not shift the ones after it. A cycle that is late by a
-period or more has missed the deadlines in between; they are left out, not made up for in a burst.
+period or more has missed the deadlines in between; they are left out, not made up for in a burst. The time of a cycle
+is that of its deadline: rates are then free of the jitter of waking up, and a time-out of so many periods is that many.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class FixedRate:
         self._lateness = Durations()
 
     def wait(self) -> float:
-        """Sleep until the next deadline; the time since the start [s]."""
+        """Sleep until the next deadline; the time of the newest one that has passed, since the start [s]."""
         now_s = self._clock()
         if self._woke_s is not None:
             self._busy_s += now_s - self._woke_s
@@ -69,7 +70,7 @@ class FixedRate:
         self._deadline += behind + 1
         self._lateness.add(late_s)
         self._woke_s = now_s
-        return now_s - self._start_s
+        return (self._deadline - 1) * self._period_s
 
     def timing(self) -> LoopTiming:
         """What was measured so far."""

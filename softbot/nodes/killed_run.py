@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from firmware_protocol.codec import decode
 from firmware_protocol.errors import ProtocolError
 from firmware_protocol.trace import read_trace
-from sim.scene import Scene, load_scene, sample_period_s, steps_per_period
+from sim.scene import Scene, load_scene
 from sim.summary import Cost, Events, summarise, write_summary
 from sim.telemetry import SHAPE_SCHEMA, TELEMETRY_SCHEMA, read_table
 from sim.twins import chosen_step_s
@@ -53,8 +53,7 @@ def finish_killed_run(run_dir: Path) -> dict[str, Any]:
         raise InputError(f"{run_dir}: the run was killed before its first half second was on disk; run it again")
     end_s = float(telemetry.column("t_s")[-1].as_py())
     step_s = chosen_step_s(scene)
-    steps = telemetry.num_rows * steps_per_period(step_s)
-    cost = Cost(steps, telemetry.num_rows * sample_period_s(step_s), math.nan)
+    cost = Cost(round(end_s / step_s), end_s, math.nan)
     summary = summarise(scene, telemetry, _events(run_dir / BUS_LOG, scene, end_s), cost, KILLED)
     try:
         write_summary(run_dir, summary)

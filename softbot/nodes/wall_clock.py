@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Union, cast
 from controllers.interface import Detection, Recovery, SequencerState
 from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol.bus import drain, opened, send
+from firmware_protocol.controller_state import ControllerState
 from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import BusError
 from firmware_protocol.frame import Frame
@@ -202,7 +203,7 @@ def run_sequencer(
         while True:
             t_s = end.loop.wait()
             try:
-                end.exchange(t_s, node.cycle)
+                end.exchange(t_s, node.cycle, node.link.report_bus)
             except BusError as error:
                 raise SimulationError(f"the bus failed at t = {t_s:.2f} s: {error}") from error
             report(node)
@@ -230,7 +231,7 @@ class LostBus:
 def exchange_or_vent(end: BusEnd, node: PlantNode, t_s: float, lost: LostBus | None) -> LostBus | None:
     """The board's cycle on the bus; on one that fails, with the robot vented. Raises SimulationError in the end."""
     try:
-        end.exchange(t_s, node.cycle)
+        end.exchange(t_s, node.cycle, node.rules.report_bus)
     except BusError as error:
         node.vent(SafeReason.BUS_OFF)
         node.cycle(t_s, ())
@@ -278,14 +279,22 @@ class BusEnd:
         self.loop = FixedRate(CONTROL_PERIOD_S)
         self._bus, self._trace = bus, trace
         self._meter = MessageMeter(answered)
+        self._controller = ControllerState()
         self._cycles = 0
 
-    def exchange(self, t_s: float, cycle: Callable[[float, list[Frame]], list[Frame]]) -> None:
-        """One cycle: all that has come in, all that is due out. Raises BusError; the cycle may then not have been."""
+    def exchange(
+        self, t_s: float, cycle: Callable[[float, list[Frame]], list[Frame]], report_bus: Callable[..., None]
+    ) -> None:
+        """One cycle: all that has come in, all that is due out. Raises BusError; the cycle may then not have been.
+
+        `report_bus(bus_state, transmit_errors, receive_errors)` is told what this end's CAN controller says of itself.
+        """
         self._cycles += 1
         if self._fault_file is not None and self._cycles % _POLL_FAULTS_EVERY == 0:
             self._fault_file.poll()
-        stamped = list(drain(self._bus))
+        controller = self._controller
+        stamped = list(drain(self._bus, controller))
+        report_bus(controller.bus_state, controller.transmit_errors, controller.receive_errors)
         came = [frame for frame, _ in stamped]
         self._meter.came(stamped)
         out = cycle(t_s if self._faulty is None else t_s + self._faulty.clock_offset_s(), came)

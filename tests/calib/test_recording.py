@@ -45,7 +45,7 @@ def test_shipped_recording_has_four_trials_with_their_gaps() -> None:
 def test_grid_is_fine_where_pressures_move_and_coarse_in_holds() -> None:
     for one in trials_of(read_rows(SERIES))[0]:
         gaps = np.diff(one.grid_s)
-        assert len(one.grid_s) < 0.4 * one.grid_s[-1] / 0.05
+        assert len(one.grid_s) < 0.4 * one.grid_s[-1] / 0.025
         moving = (
             np.max(np.abs(np.diff(one.pressure_Pa[:, one.driven[0]])))
             / gaps[np.argmax(np.abs(np.diff(one.pressure_Pa[:, one.driven[0]])))]

@@ -112,3 +112,33 @@ def test_the_table_is_never_overwritten(tmp_path):
     assert table.read_text() == text
     with pytest.raises(InputError, match="millimetres"):
         calibrate(table, length_mm=0.15)
+
+
+def test_page_is_written_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibrate(ARM, length_mm=134.0, law="neo-hookean", report=tmp_path / "arm.html")
+    assert "page: " in capsys.readouterr().out
+    assert "What to measure next" in (tmp_path / "arm.html").read_text(encoding="utf-8")
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    one = tmp_path / "one.html"
+    with pytest.raises(InputError, match="two things"):
+        calibrate(ARM, out=one, report=tmp_path / "." / "one.html")
+    assert not one.exists()
+
+
+def test_known_robots_are_counted_without_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    calibrate(self_test=2, json=True)
+    report = json.loads(capsys.readouterr().out)
+    assert report["tables of holds"]["robots"] == 2
+    assert report["recordings"]["robots"] == 1
+    assert 0.0 < report["tables of holds"]["share_percent"] <= 100.0
+    inside, of = report["recordings"]["parameters"]["creep_time_s"]
+    assert 0 <= inside <= of == 1
+
+
+def test_a_table_is_needed_and_one_thing_at_a_time() -> None:
+    with pytest.raises(InputError, match="no table"):
+        calibrate()
+    with pytest.raises(InputError, match="leave one of the two out"):
+        calibrate(ARM, self_test=2)

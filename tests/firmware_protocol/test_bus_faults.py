@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -91,6 +92,15 @@ def test_without_faults_it_is_the_bus(bench: Callable[..., Bench]) -> None:
     send(one.far, [one.setpoints()], 3.0)
     assert len(list(drain(one.near))) == 1
     assert one.near.recv(timeout=0.0) is None
+
+
+def test_it_waits_for_a_frame_as_long_as_it_is_told_and_shuts_down_once() -> None:
+    near = FaultyBus(open_bus("virtual", "faults-wait"), ())
+    start_s = time.monotonic()
+    assert near.recv(0.05) is None
+    assert time.monotonic() - start_s >= 0.05
+    near.shutdown()
+    near.shutdown()
 
 
 def test_frames_are_dropped_at_the_rate_asked_for_and_the_same_ones_each_time(bench: Callable[..., Bench]) -> None:

@@ -33,6 +33,16 @@ def test_rate_age_jitter_and_content_of_a_message() -> None:
     assert watch.load(11.0) == pytest.approx(101 * 135 / 2.0 / 500_000, rel=0.01)
 
 
+def test_what_is_older_than_the_moments_looked_at_is_forgotten() -> None:
+    watch, sender = BusWatch(), Sender()
+    for number in range(500):
+        watch.see(setpoints(sender), 0.01 * number)
+    one = watch.messages["SequencerSetpoints"]
+    assert one.rate_Hz(4.99) == pytest.approx(100.0, rel=0.01)
+    assert watch.load(4.99) == pytest.approx(201 * 135 / 2.0 / 500_000, rel=0.01)
+    assert len(one.recent_s) == 201
+
+
 def test_losses_repeats_and_damage_are_counted() -> None:
     watch, sender = BusWatch(), Sender()
     frames = [setpoints(sender) for _ in range(6)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -11,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import can
 import pytest
@@ -20,7 +22,7 @@ from firmware_protocol.bus import drain, open_bus, opened, send
 from firmware_protocol.bus_load import worst_case_frame_bits
 from firmware_protocol.errors import BusError
 from firmware_protocol.frame import Frame
-from firmware_protocol.hub import GREETING, RECORD, Hub, address_of, own_folder, run_hub
+from firmware_protocol.hub import GREETING, RECORD, Hub, _Client, address_of, own_folder, run_hub
 from firmware_protocol.hub_bus import HubBus
 
 BIT_RATE = 500_000
@@ -211,7 +213,14 @@ def test_who_says_what_no_client_says_is_hung_up_on(start: Callable[..., Running
         assert running.hub.clients == 1
 
 
-def test_what_is_no_hub_is_named() -> None:
+@pytest.mark.parametrize(
+    ("greeting", "says"),
+    [
+        (b"220 mail.example.org ready\r\n", r"it says b'220 mail"),
+        (b"", "it hung up"),
+    ],
+)
+def test_what_is_no_hub_is_named(greeting: bytes, says: str) -> None:
     address = address_of("bench")
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(address))
@@ -219,15 +228,115 @@ def test_what_is_no_hub_is_named() -> None:
 
         def talk() -> None:
             stream, _ = listener.accept()
-            stream.sendall(b"220 mail.example.org ready\r\n")
+            stream.sendall(greeting)
             stream.recv(100)
             stream.close()
 
         thread = threading.Thread(target=talk)
         thread.start()
-        with pytest.raises(BusError, match=r"is no hub of this version: it says b'220 mail"):
+        with pytest.raises(BusError, match=f"is no hub of this version: {says}"):
             open_bus("hub", "bench")
         thread.join()
+
+
+def test_a_stranger_who_has_not_greeted_hears_no_frames(start: Callable[..., Running]) -> None:
+    start()
+    with address_of("bench").connect() as stranger, join() as one, join() as two:
+        one.send(data_frame(0x100))
+        assert len(received(two, 1)) == 1
+        stranger.settimeout(5.0)
+        assert stranger.recv(100) == GREETING
+        stranger.settimeout(0.05)
+        with pytest.raises(TimeoutError):
+            stranger.recv(100)
+
+
+def test_a_frame_on_the_bus_outlives_its_sender(start: Callable[..., Running]) -> None:
+    running = start(bit_rate_bit_s=1000)  # a frame takes a tenth of a second
+    with join() as one, join() as two:
+        one.send(data_frame(0x100, bytes(8)))
+        one._stream.close()
+        (message,) = received(two, 1)
+        assert message.arbitration_id == 0x100
+        assert running.hub.clients == 1
+
+
+class Trickle:
+    """A stream of which the kernel takes `at_once` bytes at a time, or that has nothing to say after all."""
+
+    def __init__(self, stream: socket.socket, at_once: int) -> None:
+        self._stream, self._at_once = stream, at_once
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def send(self, data: bytes) -> int:
+        return self._stream.send(data[: self._at_once])
+
+    def recv(self, size: int) -> bytes:
+        raise BlockingIOError
+
+
+def test_a_record_that_the_kernel_takes_in_pieces_is_whole_at_the_other_end(start: Callable[..., Running]) -> None:
+    start()
+    with join() as one, join() as two:
+        one._stream = Trickle(one._stream, at_once=7)  # type: ignore[assignment]
+        for number in range(3):
+            one.send(data_frame(0x100, bytes([number])))
+        assert [message.data[0] for message in received(two, 3)] == [0, 1, 2]
+
+
+def test_a_stream_that_seemed_to_have_something_to_say_is_asked_again(start: Callable[..., Running]) -> None:
+    start()
+    with join() as one, join() as two:
+        stream = two._stream
+        one.send(data_frame(0x100))
+        select.select((stream,), (), (), 5.0)
+        two._stream = Trickle(stream, at_once=1)  # type: ignore[assignment]
+        assert two.recv(0.0) is None
+        two._stream = stream
+        assert len(received(two, 1)) == 1
+
+
+class Aborted:
+    """A listener whose next client hung up before it was welcomed."""
+
+    def accept(self) -> None:
+        raise ConnectionAbortedError
+
+
+def test_a_peer_that_is_gone_before_it_is_served_harms_nothing() -> None:
+    own = Hub(address_of("bench"))
+    listener, own._listener = own._listener, Aborted()  # type: ignore[assignment]
+    own._welcome()
+    own._listener = listener
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    client = _Client(ours)
+    own._clients.add(client)
+    own._read(client)  # nothing there after all
+    assert own.clients == 1
+    theirs.close()
+    client.to_read.append(GREETING)
+    own._write(client)
+    assert own.clients == 0
+    own.close()
+
+
+def test_a_bus_that_was_closed_cannot_be_read(start: Callable[..., Running]) -> None:
+    start()
+    one = join()
+    one._stream.close()
+    with pytest.raises(can.CanOperationError, match="cannot be read"):
+        one.recv(0.0)
+    one.shutdown()
+
+
+def test_a_client_leaves_twice_without_harm(start: Callable[..., Running]) -> None:
+    start()
+    one = join()
+    one.shutdown()
+    one.shutdown()
 
 
 @pytest.mark.parametrize(
@@ -246,6 +355,18 @@ def test_what_is_no_hub_is_named() -> None:
 def test_a_channel_that_cannot_be_says_why(channel: str, says: str) -> None:
     with pytest.raises(BusError, match=says):
         open_bus("hub", channel)
+
+
+def test_a_hub_that_cannot_be_started_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/no/such/python")
+    with pytest.raises(BusError, match=r"none could be started: .*No such file"):
+        open_bus("hub", "bench")
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / f"softbot-{os.getuid()}").write_text("in the way")
+    with pytest.raises(BusError, match="cannot be made: File exists"):
+        address_of("bench")
 
 
 def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path) -> None:

@@ -151,3 +151,13 @@ def test_what_is_no_such_trace_is_named(tmp_path: Path) -> None:
 def test_a_trace_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TraceError, match=r"bus\.pcap: the name of a trace ends with \.log, \.asc, \.blf"):
         TraceWriter(tmp_path / "bus.pcap")
+
+
+@pytest.mark.parametrize("name", ["bus.asc", "bus.blf"])
+def test_frames_that_are_none_of_ours_are_left_out_of_the_formats_of_other_tools(tmp_path: Path, name: str) -> None:
+    ours = can.Message(timestamp=1.0, arbitration_id=0x100, data=b"\x01", is_extended_id=False)
+    remote = can.Message(timestamp=2.0, arbitration_id=0x101, is_remote_frame=True, is_extended_id=False)
+    with can.Logger(tmp_path / name) as logger:
+        for message in (ours, remote):
+            logger(message)
+    assert [each.frame for each in read_trace(tmp_path / name)] == [Frame(0x100, b"\x01")]

@@ -20,6 +20,9 @@ from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.wall_clock import PlantRun, SequencerRun, run_plant, run_sequencer
 
 FAULT_S, END_S = 4.0, 8.0
+HELD_UP_S = 0.05
+"""A loop that woke up so late was held up by the machine: half of the time-outs, more than the observers bridge."""
+TRIES = 5
 
 
 class Rolled:
@@ -49,6 +52,11 @@ class Rolled:
             self.sequenced: SequencerRun = other.result()
 
     @property
+    def held_up(self) -> bool:
+        """Whether the machine was away in the run: it then tells of the machine, not of the program."""
+        return max(end.timing.loop.max_lateness_s for end in (self.planted, self.sequenced)) > HELD_UP_S
+
+    @property
     def summary(self) -> dict:
         return self.planted.result.summary
 
@@ -64,7 +72,12 @@ def rolled(
 ) -> Rolled:
     # On the virtual bus both ends are one process: nothing is armed before both have started.
     scene = damaged_scene(f"fault.0.t_s={FAULT_S}", f"solver.duration_s={END_S}", "sequencer.start_s=1")
-    return Rolled(scene, gains, shared_transport, beside, tmp_path_factory.mktemp("rolled") / "run", deciding_board)
+    for _ in range(TRIES):
+        folder = tmp_path_factory.mktemp("rolled") / "run"
+        run = Rolled(scene, gains, shared_transport, beside, folder, deciding_board)
+        if not run.held_up:
+            break
+    return run
 
 
 def test_it_was_armed_by_the_handshake_and_only_then_pressurised(rolled: Rolled) -> None:

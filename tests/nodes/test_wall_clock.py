@@ -12,12 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import can
 import numpy as np
 import pytest
 
 from controllers.pressure_loop import PressureLoopGains
-from firmware_protocol.bus import opened
+from firmware_protocol.bus import drain, opened
 from firmware_protocol.bus_faults import BusFault, BusFaultKind
+from firmware_protocol.codec import decode
 from firmware_protocol.enumerations import SafeReason
 from firmware_protocol.errors import BusError
 from firmware_protocol.sequencer_link import LinkFailure
@@ -98,14 +100,23 @@ def test_both_ends_meet_on_a_bus_and_stop_when_told(
     assert loop["cycles"] == sequenced.timing.loop.cycles
 
 
+class Gone(Exception):
+    """The plant's process is no more."""
+
+
 def test_a_plant_that_falls_silent_ends_the_sequencer(
     make_scene: MakeScene, scripted: Any, gains: PressureLoopGains
 ) -> None:
-    scene = make_scene("solver.duration_s=0.7")
-    other = Thread(lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=scripted()))
+    scene, sequencer = make_scene("solver.duration_s=30"), scripted()
+
+    def die_once_it_is_armed(_t_s: float) -> None:
+        if sequencer.armed_since_s is not None:
+            raise Gone
+
+    other = Thread(lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=sequencer))
     other.start()
-    planted = run_plant(scene, "virtual", "wall-clock-silent", gains=gains)
-    assert planted.result.summary["outcome"] == "done"
+    with pytest.raises(Gone):
+        run_plant(scene, "virtual", "wall-clock-silent", gains=gains, progress=die_once_it_is_armed)
     assert other.finish().link_failure in (LinkFailure.BOARD_SILENT, LinkFailure.MEASUREMENTS_MISSING)
 
 
@@ -136,6 +147,41 @@ def test_a_sequencer_that_fails_stops_the_board_and_says_why(
         while (message := listener.recv(timeout=0)) is not None:
             ids.add(message.arbitration_id)
     assert 0x10 in ids  # EmergencyStop
+
+
+def error_frame(error_class: int, counters: tuple[int, int] = (0, 0)) -> can.Message:
+    """As SocketCAN delivers it (linux/can/error.h)."""
+    return can.Message(is_error_frame=True, arbitration_id=error_class, data=bytes([0] * 6) + bytes(counters))
+
+
+def test_the_sequencer_says_what_its_can_controller_says(make_scene: MakeScene, scripted: Any) -> None:
+    with opened("virtual", "wall-clock-passive", preserve_timestamps=False) as far:
+        far_end_spoke = False
+
+        def speak(node: Any) -> None:
+            nonlocal far_end_spoke
+            if not far_end_spoke:
+                far_end_spoke = True
+                far.send(error_frame(0x200, (17, 130)))
+
+        run_sequencer(make_scene(), "virtual", "wall-clock-passive", duration_s=1.2, sequencer=scripted(), report=speak)
+        told = [decode(frame.frame_id, frame.data) for frame, _ in drain(far)]
+    errors = [signals for name, signals in told if name == "SequencerErrors"]
+    assert (errors[-1]["BusState"], errors[-1]["TransmitErrors"], errors[-1]["ReceiveErrors"]) == (1, 17, 130)
+
+
+def test_a_controller_that_is_off_the_bus_latches_the_board(make_scene: MakeScene, gains: PressureLoopGains) -> None:
+    reasons = []
+    with opened("virtual", "wall-clock-off", preserve_timestamps=False) as far:
+
+        def watch(node: Any) -> None:
+            if not reasons:
+                far.send(error_frame(0x040))
+            reasons.append(node.rules.state.reason)
+
+        run_plant(make_scene(), "virtual", "wall-clock-off", gains=gains, watch=watch)
+    assert reasons[0] is not SafeReason.BUS_OFF
+    assert reasons[-1] is SafeReason.BUS_OFF
 
 
 @pytest.fixture

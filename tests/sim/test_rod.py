@@ -14,7 +14,9 @@ from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 
 from sim.body import Body, Twin, World
+from sim.motion_rows import CURVATURE, ENERGY, WORK
 from sim.rod import RodTwin
+from sim.rod_drive import hold
 from softbot.errors import InputError, SimulationError
 from softbot.rolling import coulomb_advance_ratio, floating_ratio, viscous_advance_ratio
 
@@ -326,6 +328,48 @@ def test_a_resting_rod_carries_its_weight_evenly_and_sinks_by_a_hundredth_of_its
     np.testing.assert_allclose(twin._contacts.load_m_s2[0], 9.81, rtol=1e-6)
     assert twin.motion().centre_of_mass_m[2] == pytest.approx(0.99 * RADIUS_M, rel=1e-6)
     assert np.linalg.norm(twin.motion().mid_velocity_m_s) < 1e-9
+
+
+@pytest.mark.parametrize("contact_points", [12, 24, 48])
+def test_the_pressed_ends_of_a_limp_tube_sink_by_less_than_a_fiftieth_of_its_radius(contact_points: int) -> None:
+    """Asked to arch, too heavy to do so: its weight rests near its tips. λgL³/EI = 70."""
+    limp = replace(BODY, mass_kg=1.25, radius_m=0.0147)
+    tube = RodTwin(
+        limp,
+        replace(FLOOR, friction=3.0),
+        modes=5,
+        contact_points=contact_points,
+        step_s=0.02,
+        stretches=False,
+        symmetric=True,
+        twists=False,
+    )
+    tube.set_rest(np.array([1.0, 0.0, -4.4 / LENGTH_M]), limp.rest_stiffness())
+    for _ in range(300):
+        tube.step()
+        tube.halt()
+    assert 0.002 * 0.0147 < tube.penetration_m < 0.02 * 0.0147
+
+
+def test_a_kinked_tube_bends_no_further_than_till_its_ends_meet() -> None:
+    """Without damping and far past the kink: what it swings past a full circle by is little."""
+    kink_1_m = 5.0
+    soft = replace(BODY, ovalisation_m2=1.0 / (3.0 * kink_1_m**2), damping_time_s=0.0)
+    tube = rod(soft, step_s=0.001)
+    tube.set_rest(np.array([1.0, 12.0, 0.0]), soft.rest_stiffness())
+    rows = tube.play(hold(), 600, 1)
+    assert 2.0 * math.pi < LENGTH_M * np.linalg.norm(rows[:, CURVATURE], axis=1).max() < 4.0 * math.pi
+    assert (rows[:, ENERGY] - rows[:, WORK]).max() < 1e-2 * tube.work_J
+
+
+def test_the_first_step_makes_no_energy() -> None:
+    """A slow throw into the ground, with a step far longer than the blow."""
+    thrown = rod(replace(BODY, mass_kg=1.4), replace(FLOOR, friction=0.2), step_s=0.02)
+    thrown.throw(0.0, np.array([0.0, -0.01, 0.05, 2.0, 0.0, 0.0]))
+    before_J = thrown.energy_J()
+    kinetic_J = 0.5 * 1.4 * (0.01**2 + 0.05**2)
+    thrown.step()
+    assert thrown.energy_J() <= before_J + 0.05 * kinetic_J
 
 
 def test_a_dropped_rod_comes_to_rest() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from sim import motion_rows, run
-from sim.body import Motion
+from sim.body import BrokenOff, Motion
 from sim.rod_drive import rest_curvature
 from sim.run import RunResult, phase_name, simulate
 from sim.scene import Scene, scene_from
@@ -237,7 +237,7 @@ class PlayedTube(SteppedTube):
         for n in range(samples):
             for _ in range(steps):
                 if self.steps == self._fails_after:
-                    raise SimulationError("the tube left its range")
+                    raise BrokenOff("the tube left its range", rows[:n])
                 t_s = self.steps * self.step_s
                 self._asked_1_m = np.array(
                     rest_curvature.py_func(drive, t_s, self.step_s, 1.0, *self.curvature_1_m, self._lagged_1_m)
@@ -339,7 +339,7 @@ def test_interrupt_is_heard_between_blocks(
     assert json.loads((tmp_path / "summary.json").read_text())["sim_time_s"] == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("fails_after", "kept"), [(0, 0), (3, 0), (4 * 77 + 1, 77)])
+@pytest.mark.parametrize(("fails_after", "kept"), [(0, 0), (3, 0), (4 * 77 + 1, 77), (4 * 79 + 2, 79)])
 def test_failure_in_a_block_keeps_what_came_before_it(
     scene_table: dict[str, Any],
     simulate_with: Callable[..., RunResult],
@@ -347,7 +347,7 @@ def test_failure_in_a_block_keeps_what_came_before_it(
     fails_after: int,
     kept: int,
 ) -> None:
-    """To the last shape, which is where the folder's run was last looked at."""
+    """To the last sample, wherever the block's shapes are."""
     with pytest.raises(SimulationError, match="left its range"):
         simulate_with(PlayedTube(fails_after=fails_after), played(scene_table), tmp_path)
     assert read_telemetry(tmp_path).num_rows == kept

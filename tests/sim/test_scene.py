@@ -128,6 +128,13 @@ def test_wrong_robot_file_is_named_itself(tmp_path: Path, scene_table: dict[str,
 # --- refusals ------------------------------------------------------------
 
 
+def test_an_undamped_robot_that_leads_itself_afloat_is_refused(scene_table: dict[str, Any]) -> None:
+    endless = ("world.ground=none", "drive.lag_s=0.1", "robot.damping_time_s=0")
+    with pytest.raises(InputError, match="would spin up without end"):
+        make(scene_table, *endless, "drive.lead_rad=2")
+    assert make(scene_table, *endless, "drive.lead_rad=1").drive.lead_rad == 1.0
+
+
 @pytest.mark.parametrize(
     ("assignment", "says"),
     [

@@ -12,7 +12,29 @@ from sim.figures.step_margin import rolling_trial
 from sim.stress import DEPTH, judge, judge_seed, random_segment_trial, random_trial
 
 CHUNK = 250
-FOUND = (853, 896, 1691, 1707, 1874, 1886, 3161, 4129, 4177, 4738, 8964, 9055, 9468)
+FOUND = (
+    853,
+    896,
+    995,
+    1691,
+    1707,
+    1874,
+    1886,
+    2748,
+    3161,
+    3442,
+    4129,
+    4177,
+    4497,
+    4738,
+    4943,
+    7114,
+    7235,
+    7388,
+    8964,
+    9055,
+    9468,
+)
 """Trials that failed once: energy made, strains out of range, sunk at rest."""
 
 
