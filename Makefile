@@ -41,7 +41,11 @@ test-vcan-timing: $(READY) ## on vcan, on a quiet machine: a minute against lock
 
 soak: $(READY) ## both ends on vcan for an hour of wall-clock time (SOFTBOT_SOAK_S): memory, files, commands
 	$(BIN)/python tests/hil/compile_beforehand.py
-	.ci/vcan.sh -t 14400 $(BIN)/python -m pytest tests/hil -m soak -p no:cacheprovider -s
+	.ci/vcan.sh -t 14400 $(BIN)/python -m pytest tests/hil -m soak -k wall_clock -p no:cacheprovider -s
+
+soak-simulated: $(READY) ## the same for an hour of simulated time, as fast as it goes
+	$(BIN)/python tests/hil/compile_beforehand.py
+	.ci/vcan.sh -t 14400 $(BIN)/python -m pytest tests/hil -m soak -k simulated -p no:cacheprovider -s
 
 stress: $(READY) ## long campaigns
 	$(BIN)/python -m pytest -n 2 -m stress
@@ -71,4 +75,4 @@ clean: ## remove what make made: .venv, caches, coverage (runs/ stays)
 $(READY): requirements.lock pyproject.toml .ci/set_up.sh
 	@.ci/set_up.sh $(READY)
 
-.PHONY: help demo test test-vcan coverage-protocol mutants check slow stress bench c-reference c-coverage lock clean
+.PHONY: help demo test test-vcan coverage-protocol mutants check slow stress soak soak-simulated bench c-reference c-coverage lock clean

@@ -151,7 +151,8 @@ class Calibration:
         actuator = {
             "law": law.material,
             "modulus_Pa": rounded(law.modulus_Pa),
-            "stiffening_Pa": rounded(law.stiffening_Pa),
+            **({"limit_invariant": rounded(law.limit_invariant)} if law.material == "gent" else {}),
+            **({} if law.material == "gent" else {"stiffening_Pa": rounded(law.stiffening_Pa)}),
             "chamber_area_m2": rounded(section.chamber_area_m2),
             "chamber_centroid_radius_m": rounded(section.chamber_centroid_radius_m),
             "gains": [rounded(gain) for gain in law.gains],

@@ -38,7 +38,9 @@ from softbot.errors import InputError, SimulationError
 from softbot.material import MATERIALS
 
 AUTO = "auto"
-_TRIED = ("linear", "neo-hookean", "yeoh")  # a section bends alike with Mooney–Rivlin and neo-Hookean
+_TRIED = ("linear", "neo-hookean", "yeoh", "gent")
+_LAWS = (*_TRIED, "mooney-rivlin")  # a section bends with it as with neo-Hookean: tried once
+_LIMITS = (0.5, 3.0)  # of I₁ − 3, starts of Gent's law
 LEVELS_FOR_DEAD_BAND = 4
 LACK_OF_FIT_PERCENT = 5.0
 _ASSUMED_LENGTH_M = 0.15
@@ -46,6 +48,7 @@ _ASSUMED_SLENDERNESS = 15.0  # length over radius, of the design's rod
 _ASSUMED_ERROR = 0.03  # of full scale, where the table has no repeats
 _LEAST_ERROR = 0.005  # of full scale: what no measurement here beats
 _RIVAL = 1.25  # a law that predicts this much worse is not yet ruled out
+_IN_REACH = 1.6  # a model whose leverages promise this much more error is not looked at row by row
 _WORTH = 1.1  # a simpler model may have this much more leave-one-out error
 _MOST_ROWS = 150  # more are averaged where their pressures are close
 _MOST_CHECKED = 5000  # rows that the residuals of a long table are computed on
@@ -78,8 +81,8 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
     can explain at all, and for an unknown law.
     """
     geometry = geometry or Geometry()
-    if law != AUTO and law not in _TRIED:
-        raise InputError(f"law = {law!r}: choose one of {', '.join((AUTO, *_TRIED))}")
+    if law != AUTO and law not in _LAWS:
+        raise InputError(f"law = {law!r}: choose one of {', '.join((AUTO, *_LAWS))}")
     loading = table.rows(table.loading)
     warnings = [*table.notes, *check_response(loading)]
     groups = repeat_groups(loading)
@@ -91,7 +94,7 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
         _measuring_error(length_repeat, _length_range(loading)),
     )
     models = _models(loading, geometry, law, rows)
-    tried = [found for model in models if (found := _try(model, rows)) is not None]
+    tried = _tried(models, rows)
     if not tried:
         raise InputError(f"{table.source}: the actuator law has no equilibrium near these bends; check the units")
     fit, left_out = _choose(tried)
@@ -212,13 +215,26 @@ def _models(table: BendTable, geometry: Geometry, law: str, rows: Observations) 
     return [m for m in models if len(m.coordinates) < rows.measured or len(m.coordinates) == least]
 
 
-def _try(model: ActuatorModel, rows: Observations) -> tuple[Fit, LeaveOneOut] | None:
-    starts = _starts(model, rows)
-    try:
-        fit = fit_model(model, rows, starts)
-        return fit, leave_one_out(fit, rows, starts[0])
-    except SimulationError:
-        return None
+def _tried(models: list[ActuatorModel], rows: Observations) -> list[tuple[Fit, LeaveOneOut]]:
+    """Fits with their leave-one-out errors: by leverages first, then exactly for those in reach of the best."""
+    fits: list[tuple[Fit, LeaveOneOut, FloatArray]] = []
+    for model in models:
+        starts = _starts(model, rows)
+        try:
+            fit = fit_model(model, rows, starts)
+            fits.append((fit, leave_one_out(fit, rows, starts[0], exact=False), starts[0]))
+        except (SimulationError, np.linalg.LinAlgError):
+            continue
+    best = min((left_out.score for _, left_out, _ in fits), default=math.inf)
+    found = []
+    for fit, quick, anchor in fits:
+        if not quick.score > _IN_REACH * best:
+            try:
+                quick = leave_one_out(fit, rows, anchor)
+            except SimulationError:
+                continue
+        found.append((fit, quick))
+    return found
 
 
 def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
@@ -228,7 +244,8 @@ def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
     slenderness = (_ASSUMED_SLENDERNESS, 5.0) if "radius" in model.free else (None,)
     dead_bands = (0.0, 0.2) if "dead_band" in model.free else (0.0,)
     stiffenings = (0.03, 1.0) if MATERIALS[model.material].has_stiffening else (1.0,)
-    for slender, dead_band, stiffening in itertools.product(slenderness, dead_bands, stiffenings):
+    limits = _LIMITS if model.material == "gent" else (1.0,)
+    for slender, dead_band, stiffening, limit in itertools.product(slenderness, dead_bands, stiffenings, limits):
         begun = model if slender is None else replace(model, radius_m=model.length_m / slender)
         linear = replace(begun, material="linear")
         dead_band_Pa = dead_band * model.largest_pressure_Pa
@@ -237,7 +254,7 @@ def _starts(model: ActuatorModel, rows: Observations) -> list[FloatArray]:
         small = np.hypot(*probe.bend_rad.T)
         ratio = float(small @ small / max(small @ sizes, 1e-300))
         modulus_Pa = trial_Pa * ratio / MATERIALS[model.material].modulus_ratio
-        starts.append(begun.start(min(max(modulus_Pa, 1e3), 1e9), stiffening, dead_band_Pa))
+        starts.append(begun.start(min(max(modulus_Pa, 1e3), 1e9), stiffening, dead_band_Pa, limit))
     return starts
 
 
@@ -433,6 +450,7 @@ def _widened(parameters: dict[str, Estimate], others: list[dict[str, Estimate]])
 _REMEDY = {
     "modulus_Pa": "measure at more pressures",
     "stiffening_Pa": "add points at the highest pressure the robot may see",
+    "limit_invariant": "add points at the highest pressure the robot may see",
     "radius_m": "add the lengths, or give the radius",
     "chamber_centroid_radius_m": "add rows with several chambers at once",
     "dead_band_Pa": "add points at low pressure, where the bend begins",
@@ -443,6 +461,7 @@ _REMEDY = {
 _PLAIN = {
     "modulus": "the modulus",
     "stiffening": "the stiffening",
+    "limit": "the limit of the stretch",
     "radius": "the radius",
     "centroid": "the arm of the chambers",
     "gain": "the gains",
@@ -452,6 +471,7 @@ _PLAIN = {
 _COORDINATE_REMEDY = {
     "modulus": "measure at more pressures",
     "stiffening": "add points at the highest pressure the robot may see",
+    "limit": "add points at the highest pressure the robot may see",
     "radius": "add the lengths, or give the radius",
     "centroid": "add rows with several chambers at once",
     "gain": "pressurise each chamber alone",
@@ -528,21 +548,22 @@ def _lack_of_fit_words(table: BendTable, errors: Errors) -> list[str]:
     percent = 100.0 * errors.rms_bend_rad / errors.full_scale_bend_rad
     repeat = errors.repeat_bend_rad or 0.0
     jump = _snap_through(table)
-    if percent > LACK_OF_FIT_PERCENT and errors.rms_bend_rad > 1.5 * repeat:
+    if jump or (percent > LACK_OF_FIT_PERCENT and errors.rms_bend_rad > 1.5 * repeat):
         why = f": {jump}" if jump else ""
         found.append(
             f"lack of fit: no fibre-reinforced law here explains this table (rms {percent:.1f} % of full scale){why}; "
             "do not trust the robot file beyond a rough size"
         )
-    elif jump:
-        found.append(jump)
     if errors.lack_of_fit_p is not None and errors.lack_of_fit_p < 0.01:
         found.append(f"the residuals exceed the repeats (lack-of-fit test: p = {errors.lack_of_fit_p:.2g})")
     return found
 
 
 def _snap_through(table: BendTable) -> str | None:
-    """A place where the bend of one chamber runs away: a slope over four times the median slope on both sides."""
+    """A place where the bend of one chamber runs away: a slope over four times the median before it, twice that after.
+
+    A smooth law drawn through such a place may leave a small residual, and is wrong there all the same.
+    """
     driven = np.max(table.pressure_Pa, axis=0) > 0.2 * np.max(table.pressure_Pa)
     if np.sum(driven) != 1:
         return None
@@ -556,7 +577,8 @@ def _snap_through(table: BendTable) -> str | None:
     overall = (bend[-1] - bend[0]) / (mean_Pa[-1] - mean_Pa[0])
     steep = int(np.argmax(slope))
     before = float(np.median(slope[:steep])) if steep else math.inf
-    if slope[steep] > 2.5 * overall and slope[steep] > 4.0 * before:
+    after = float(np.median(slope[steep + 1 :])) if steep + 1 < len(slope) else math.inf
+    if slope[steep] > 2.5 * overall and slope[steep] > max(4.0 * before, 2.0 * after):
         near = f"{mean_Pa[steep] / 1e3:.3g} kPa"
         jump = f"from {math.degrees(bend[steep]):.0f}° to {math.degrees(bend[steep + 1]):.0f}°"
         return (
@@ -567,7 +589,10 @@ def _snap_through(table: BendTable) -> str | None:
 
 
 def _assumptions(table: BendTable, model: ActuatorModel, geometry: Geometry) -> list[str]:
-    found = [f"each chamber has {DEFAULT_CHAMBER_AREA_RATIO:g} of the section's area (no drawing of the section)"]
+    found = []
+    if model.material == "mooney-rivlin":
+        found.append("the share of the second invariant is 0: under hoop fibres a section cannot feel it")
+    found += [f"each chamber has {DEFAULT_CHAMBER_AREA_RATIO:g} of the section's area (no drawing of the section)"]
     if "centroid" not in model.free:
         found.append(f"the chambers' centroids lie at {DEFAULT_CENTROID_RATIO:g} of the radius")
     if geometry.length_m is not None:

@@ -11,13 +11,14 @@ With the strains e = (ℓ, k1, k2) at rest under B p, K = ∂F/∂e (see `softbo
     ∂e/∂ln E = −K⁻¹ B p     (stiffening in proportion)        ∂e/∂g_i, ∂e/∂dead band = K⁻¹ ∂(B p)
     ∂(ℓ, k)/∂ln R = (0, −k)  (proportions of the section kept)
 
-The two remaining ones (stiffening, centroid radius) are differences.
+The remaining ones (stiffening, limit of the stretch, centroid radius) are differences.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,7 @@ _DIFFERENCE = 1e-5  # of a logarithm: half the digits of a double
 BOUNDS: dict[str, tuple[float, float]] = {
     "modulus": (math.log(1e2), math.log(1e10)),  # [Pa]
     "stiffening": (math.log(1e-4), math.log(1e2)),  # over the modulus
+    "limit": (math.log(0.06), math.log(100.0)),  # of I₁ − 3
     "radius": (
         math.log(0.02),
         math.log(0.45),
@@ -78,12 +80,13 @@ class ActuatorModel:
     free: frozenset[str]
     """Of "radius", "centroid", "dead_band", "length"; modulus, stiffening and gains follow from the rest."""
 
-    @property
+    @cached_property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates, in order; a key of BOUNDS each."""
         return (
             "modulus",
             *(["stiffening"] if MATERIALS[self.material].has_stiffening else []),
+            *(["limit"] if self.material == "gent" else []),
             *(name for name in ("radius", "centroid") if name in self.free),
             *["gain"] * (len(self.groups) - 1),
             *(name for name in ("dead_band", "length") if name in self.free),
@@ -95,11 +98,14 @@ class ActuatorModel:
         shift = np.array([self._shift(name) for name in self.coordinates])
         return pairs[:, 0] + shift, pairs[:, 1] + shift
 
-    def start(self, modulus_Pa: float, stiffening_ratio: float, dead_band_Pa: float) -> FloatArray:
+    def start(
+        self, modulus_Pa: float, stiffening_ratio: float, dead_band_Pa: float, limit_invariant: float = 3.0
+    ) -> FloatArray:
         """Coordinates to begin a fit from, shape (m,): given values, and the assumed ones for the others."""
         values = {
             "modulus": math.log(modulus_Pa),
             "stiffening": math.log(stiffening_ratio),
+            "limit": math.log(limit_invariant),
             "radius": math.log(self.radius_m),
             "centroid": math.log(DEFAULT_CENTROID_RATIO),
             "gain": 0.0,
@@ -116,6 +122,8 @@ class ActuatorModel:
         found = {"modulus_Pa": modulus_Pa}
         if MATERIALS[self.material].has_stiffening:
             found["stiffening_Pa"] = modulus_Pa * math.exp(self._at(theta, "stiffening"))
+        if self.material == "gent":
+            found["limit_invariant"] = math.exp(self._at(theta, "limit"))
         if "radius" in self.free:
             found["radius_m"] = math.exp(self._at(theta, "radius"))
         if "centroid" in self.free:
@@ -143,12 +151,16 @@ class ActuatorModel:
     def law(self, theta: FloatArray) -> ActuatorLaw:
         """The actuator law at coordinates `theta`."""
         modulus_Pa = math.exp(theta[0])
-        stiff = MATERIALS[self.material].has_stiffening
+        more: dict[str, float] = {}
+        if MATERIALS[self.material].has_stiffening:
+            more["stiffening_Pa"] = modulus_Pa * math.exp(self._at(theta, "stiffening"))
+        if self.material == "gent":
+            more["limit_invariant"] = math.exp(self._at(theta, "limit"))
         return ActuatorLaw(
             section=self.geometry(theta)[1],
             material=self.material,
             modulus_Pa=modulus_Pa,
-            stiffening_Pa=modulus_Pa * math.exp(self._at(theta, "stiffening")) if stiff else 0.0,
+            **more,
             gains=self._gains(theta),
             dead_band_Pa=self._dead_band_Pa(theta),
         )
@@ -181,7 +193,7 @@ class ActuatorModel:
         for n, name in enumerate(names):
             if name == "radius":
                 by[:, 1:, n] = -strain[:, 1:]
-            elif name in ("stiffening", "centroid"):
+            elif name in ("stiffening", "limit", "centroid"):
                 moved = theta.copy()
                 moved[n] += _DIFFERENCE
                 by[:, :, n] = (self.law(moved).equilibria(pressure_Pa, strain)[0] - strain) / _DIFFERENCE

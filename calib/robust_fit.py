@@ -27,6 +27,7 @@ LOSS_SCALE = 2.0
 EXACT_LEAVE_ONE_OUT = 24  # rows up to which each row is left out by fitting again
 _PULL = 1e-3
 _LEAST_SCALE = 0.05  # of the measuring error, squared: information is never better than that
+_LEFT_OUT_TOLERANCE = 1e-6
 _AT_BOUND = 1e-4  # of the range of a coordinate
 _STARTS = 2  # of all starts, the best ones are followed to the end
 
@@ -137,16 +138,16 @@ def fit_model(model: ActuatorModel, rows: Observations, starts: list[FloatArray]
     return _finished(model, rows, theta)
 
 
-def leave_one_out(fit: Fit, rows: Observations, anchor: FloatArray) -> LeaveOneOut:
-    """Each row predicted without it: by fitting again for few rows, else by the leverages of the fit.
+def leave_one_out(fit: Fit, rows: Observations, anchor: FloatArray, exact: bool = True) -> LeaveOneOut:
+    """Each row predicted without it: by fitting again for few rows, else (or unless `exact`) by the fit's leverages.
 
     `anchor` are the coordinates that an undetermined one falls back to, shape (m,).
     """
     bend, length = np.empty((len(rows), 2)), np.full(len(rows), np.nan)
-    if len(rows) <= EXACT_LEAVE_ONE_OUT:
+    if exact and len(rows) <= EXACT_LEAVE_ONE_OUT:
         for row in range(len(rows)):
             problem = _Problem(fit.model, rows.without(row), anchor)
-            theta, _ = problem.solve(fit.theta)
+            theta, _ = problem.solve(fit.theta, _LEFT_OUT_TOLERANCE)
             prediction = fit.model.predict(theta, rows.pressure_Pa[row : row + 1])
             bend[row] = _bend_residual(prediction, rows.bend_rad[row : row + 1], rows.directed[row : row + 1])[0]
             length[row] = rows.length_m[row] - prediction.length_m[0]
@@ -194,7 +195,7 @@ class _Problem:
         residual = self.residual(theta)
         return math.inf if self._value is self._failed else 0.5 * float(np.sum(_loss(residual**2)))
 
-    def solve(self, theta: FloatArray) -> tuple[FloatArray, float]:
+    def solve(self, theta: FloatArray, tolerance: float = 1e-8) -> tuple[FloatArray, float]:
         """Coordinates and cost at the optimum near `theta`."""
         found = least_squares(
             self.residual,
@@ -203,10 +204,10 @@ class _Problem:
             bounds=self.model.bounds(),
             loss="soft_l1",
             f_scale=LOSS_SCALE,
-            xtol=1e-9,
-            ftol=1e-9,
-            gtol=1e-9,
-            max_nfev=100,
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=tolerance,
+            max_nfev=60,
         )
         return found.x, float(found.cost)
 

@@ -92,14 +92,9 @@ class CrossSection:
 
         The chambers enter with negative weights, so that every moment of the area up to degree 5 is exact.
         """
-        points = [_disc_points(self.radius_m, radial=4, angular=8)]
-        chamber_radius_m = math.sqrt(self.chamber_area_m2 / math.pi)
-        for centre in self.chamber_centroids_m():
-            inner = _disc_points(chamber_radius_m, radial=2, angular=6)
-            inner[:, :2] += centre
-            inner[:, 2] *= -1.0
-            points.append(inner)
-        return np.ascontiguousarray(np.vstack(points))
+        radius_m = self.radius_m
+        centroid, area = self.chamber_centroid_radius_m / radius_m, self.chamber_area_m2 / radius_m**2
+        return _unit_wall_points(area, centroid, self.misalignment_rad) * np.array([radius_m, radius_m, radius_m**2])
 
 
 def default_cross_section(radius_m: float) -> CrossSection:
@@ -111,12 +106,22 @@ def default_cross_section(radius_m: float) -> CrossSection:
     )
 
 
-def _disc_points(radius_m: float, radial: int, angular: int) -> NDArray[np.float64]:
-    """Gauss–Legendre in r² and equal angles: points (n, 3) of a disc about the origin."""
-    return _unit_disc_points(radial, angular) * np.array([radius_m, radius_m, radius_m**2])
+@lru_cache(maxsize=64)  # a calibration builds thousands of sections of the same proportions
+def _unit_wall_points(
+    chamber_area: float, centroid_radius: float, misalignment_rad: tuple[float, ...]
+) -> NDArray[np.float64]:
+    """Quadrature of the wall of a section of radius 1, shape (n, 3), with Gauss–Legendre in r² and equal angles."""
+    points = [_unit_disc_points(radial=4, angular=8)]
+    chamber_radius = math.sqrt(chamber_area / math.pi)
+    scale = np.array([chamber_radius, chamber_radius, -(chamber_radius**2)])
+    for angle in np.array(CHAMBER_ANGLES_RAD) + np.array(misalignment_rad):
+        inner = _unit_disc_points(radial=2, angular=6) * scale
+        inner[:, :2] += centroid_radius * np.array([math.cos(angle), math.sin(angle)])
+        points.append(inner)
+    return np.ascontiguousarray(np.vstack(points))
 
 
-@lru_cache(maxsize=8)  # a calibration builds thousands of sections, and the rule is always the same
+@lru_cache(maxsize=8)
 def _unit_disc_points(radial: int, angular: int) -> NDArray[np.float64]:
     node, weight = np.polynomial.legendre.leggauss(radial)
     r = np.sqrt(0.5 * (node + 1.0))

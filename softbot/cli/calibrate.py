@@ -32,7 +32,9 @@ def calibrate(
         typer.Option(help="What the header does not say: pressure=HEADER:kPa,bend=HEADER:deg (or column numbers)."),
     ] = None,
     sheet: Annotated[str | None, typer.Option(help="Sheet of a workbook that has several tables.")] = None,
-    law: Annotated[str, typer.Option(help="Wall material: auto, linear, neo-hookean, yeoh or gent.")] = "auto",
+    law: Annotated[
+        str, typer.Option(help="Wall material: auto, linear, neo-hookean, mooney-rivlin, yeoh or gent.")
+    ] = "auto",
     name: Annotated[str | None, typer.Option(help="Name of the robot; else the table's.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of table, fit and band (PNG, SVG or PDF).")] = None,
     report: Annotated[

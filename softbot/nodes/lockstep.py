@@ -1,9 +1,9 @@
 """Both ends of the bus in one process, in lock-step on simulated time: reproducible and faster than real time.
 
-The two nodes meet on a python-can `virtual` bus and exchange nothing but frames. In each control period the board
-cycles first, then the sequencer, then the robot moves; so a setpoint acts one period after the readings it answers.
-No wall clock is read: the same scene gives the same frames and the same telemetry, byte for byte. Everything that
-crossed the bus is in `bus.log`.
+The two nodes meet on a python-can `virtual` bus (or on one that delivers as it sends, like vcan) and exchange nothing
+but frames. In each control period the board cycles first, then the sequencer, then the robot moves; so a setpoint acts
+one period after the readings it answers. No wall clock is read: the same scene gives the same frames and the same
+telemetry, byte for byte. Everything that crossed the bus is in `bus.log`.
 """
 
 from __future__ import annotations
@@ -45,12 +45,15 @@ def run_lockstep(
     gains: PressureLoopGains | None = None,
     board: DecidingBoard = DecidingBoard.PYTHON,
     known: Robot | None = None,
+    transport: tuple[str, str] | None = None,
+    watch: Callable[[PlantNode, SequencerNode], None] = lambda plant, sequencer: None,
 ) -> RunResult:
     """Run a scene that a sequencer drives. Raises SimulationError when it fails; what was recorded is kept.
 
     `sequencer` and `gains` (of the pressure loop) stand in for those that follow from the scene; `board` is the
     implementation of the board's rules that decides. `known` is the robot that sequencer and board believe in, where it
-    is another than the scene's.
+    is another than the scene's. `transport`: interface and channel of another bus than a virtual one of the run's own.
+    `watch` is shown both nodes once a period. Raises BusError when the bus cannot be opened.
     """
     board_limits(known or scene.robot)  # refuses before anything is written
     with ExitStack() as stack:
@@ -59,9 +62,9 @@ def run_lockstep(
         own = SequencerNode(scene, sequencer or make_sequencer(scene, known))
         recorder = Recorder(scene, run_dir, record=record)
         plant = PlantNode(scene, twin, recorder, gains, board, known)
-        channel = f"softbot-lockstep-{next(_channels)}"
-        board_bus = stack.enter_context(opened("virtual", channel))
-        sequencer_bus = stack.enter_context(opened("virtual", channel))
+        interface, channel = transport or ("virtual", f"softbot-lockstep-{next(_channels)}")
+        board_bus = stack.enter_context(opened(interface, channel))
+        sequencer_bus = stack.enter_context(opened(interface, channel))
         trace = stack.enter_context(TraceWriter(run_dir / BUS_LOG)) if run_dir is not None else None
 
         def keep(frames: list[Frame], t_s: float) -> None:
@@ -81,6 +84,7 @@ def run_lockstep(
             if own.failure is not None:
                 raise SimulationError(f"the sequencer failed at t = {t_s:.2f} s: {own.failure}") from own.failure
             plant.advance()
+            watch(plant, own)
 
         return run_samples(scene, recorder, steps_per_period(twin.step_s), _foreseen(advance), progress)
 

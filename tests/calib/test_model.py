@@ -17,6 +17,7 @@ EVERYTHING = {
     "linear": {"radius", "dead_band", "length"},
     "neo-hookean": {"centroid", "dead_band", "length"},
     "yeoh": {"radius", "length"},
+    "gent": {"radius", "dead_band"},
 }
 
 

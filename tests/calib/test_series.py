@@ -144,8 +144,9 @@ def test_rows_that_follow_each_other_count_for_less() -> None:
 
 
 def test_laws_and_pairs_that_are_none_are_refused(trials: list[Trial], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="recordings are fitted with auto, gent"):
-        materials_of("mooney-rivlin")
+    with pytest.raises(InputError, match="choose one of auto, gent"):
+        materials_of("ogden")
+    assert materials_of("mooney-rivlin") == ("mooney-rivlin",)
     lines = SERIES.read_text(encoding="utf-8").splitlines()
     alone = tmp_path / "one.csv"
     alone.write_text("\n".join(line for line in lines if not line.startswith(("apr4_2", "apr4_3", "apr4_4"))))

