@@ -1,15 +1,23 @@
-"""Fault detection: what is wrong with a chamber, named by the model that explains its pressure best.
+"""Fault detection: a chamber is watched by its own model, and what surprises the model is named from the library.
 
-For each chamber a bank of small models runs beside the plant, one for each thing that can be wrong with it: healthy,
-holes of several sizes, a blocked inlet, a valve stuck shut or open. All get what the real chamber gets (commanded
-opening, measured supply pressure, chamber volume) and follow the measured pressure with the same slow observer gain, so
-that a model's innovation stays large only while it is wrong. For each faulty model a cumulative sum (CUSUM) of the
-log-likelihood ratio against the healthy one grows when it explains the readings better; it decides at a threshold, when
-it also leads the other kinds by a margin. Two faults of the sensor are told by what no gas can do: a jump upwards
-faster than the open valve can fill, and readings that repeat to the last bit while the chamber must be changing.
+Four things stand side by side, each of them compiled, over records:
 
-Sizes of holes are relative to the supply valve's conductance, as in `softbot.faults`; from `RUPTURE_FROM` on a hole is
-called a rupture. Left out: faults of the supply and of the inertial unit, and two faults of one chamber at once.
+- A filter for each chamber (`controllers.chamber_observer`) follows pressure, sensor offset and conductances. Its
+  innovation over its own deviation feeds a two-sided CUSUM (Page): a chamber is suspected at `alarm_at`. Below that the
+  filter learns, so that a robot whose valves pass 20 % more than its file says is soon no surprise; while a chamber is
+  suspected it does not; what it knew well before is `trusted`.
+- A suspected chamber is explained by playing the fault library over its last second (`controllers.fault_naming`). The
+  verdict is given when the best explanation beats a healthy chamber by `evidence` and every other kind by `lead`, or
+  when patience ends. Without such an explanation the suspicion is dropped, and the filter learns on.
+- Faults that no gas can make are told by the readings alone: one that repeats to the last bit, one below vacuum, one
+  that jumps to and fro.
+- What the chambers share (supply, inertial unit) has tests of its own, and names no chamber.
+
+Judgement is held while readings are late or missing: over an interval that is not the control period the model is
+trusted the less, and after one in which a sampling was lost a filter takes the reading for the pressure, keeps what it
+has learnt of the valves, and judges nothing for a few cycles.
+
+Left out: wall, floor and load (softening, friction, payload), which the pressures do not show.
 """
 
 from __future__ import annotations
@@ -22,123 +30,186 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from controllers import chamber_gas, chamber_observer, fault_naming
+from controllers.chamber_gas import Gas, gas_of, lagged_opening
+from controllers.chamber_observer import (
+    INLET,
+    OBSERVER,
+    OUTLET,
+    PRESSURE,
+    STATES,
+    begin_observing,
+    between,
+    observe,
+    resume_observing,
+)
+from controllers.fault_naming import CANDIDATES, KEPT, VERDICT, WINDOW, Candidates, name_fault
 from controllers.interface import Detection
-from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, FaultKind, SENSOR_OFFSET_Pa
-from softbot.pneumatics import PneumaticsParameters, valve_mass_flow
+from softbot import pneumatics
+from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
+from softbot.kernel_stamp import kernel_stamp
+from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import READINGS, Readings, SensorParameters
 
 FloatArray = NDArray[np.float64]
 
-RUPTURE_FROM = 2.0
-"""Hole over supply valve conductance from which a leak is called a rupture: the chamber holds no useful pressure."""
-
-# kind, hole ratio, inlet factor, forced opening (nan: free)
-_BANK: tuple[tuple[FaultKind | None, float, float, float], ...] = (
-    (None, 0.0, 1.0, math.nan),
-    (FaultKind.LEAK, 0.3, 1.0, math.nan),
-    (FaultKind.LEAK, 0.9, 1.0, math.nan),
-    (FaultKind.RUPTURE, 3.5, 1.0, math.nan),
-    (FaultKind.RUPTURE, 10.0, 1.0, math.nan),
-    (FaultKind.BLOCKED_INLET, 0.0, 0.0, math.nan),
-    (FaultKind.BLOCKED_INLET, 0.0, 0.4, math.nan),
-    (FaultKind.STUCK_CLOSED, 0.0, 1.0, 0.0),
-    (FaultKind.STUCK_OPEN, 0.0, 1.0, 1.0),
-    (FaultKind.STUCK_OPEN, 0.0, 1.0, 0.4),
-)
-_HOLE, _INLET, _FORCED = 0, 1, 2
-_SUBSTEPS = 3
-_SLOPE_STEP_Pa = 500.0
-_WORST = 50.0  # squared innovation over variance: one reading, however wild, is no proof
-_MODELS = np.array([row[1:] for row in _BANK])
-_MODEL_KINDS = np.array([0 if row[0] is None else KIND_CODES[row[0]] for row in _BANK], dtype=np.int64)
-_COUNT = len(_BANK)
-_LONGEST_GAP_S = 0.05
-_FASTEST_SWELLING_1_S = 2.0
-_SENSOR_OFFSET, _SENSOR_STUCK = KIND_CODES[FaultKind.SENSOR_OFFSET], KIND_CODES[FaultKind.SENSOR_STUCK]
-_BLOCKED_INLET, _STUCK_CLOSED = KIND_CODES[FaultKind.BLOCKED_INLET], KIND_CODES[FaultKind.STUCK_CLOSED]
+_MOST_FOUND = 8
+_WILDEST = 4.0  # deviations: one reading, however wild, is no proof
+_FASTEST_SWELLING = 0.05  # of a volume, in one cycle
+_LONGEST_STEP = 1.5  # periods: beyond, a sampling was lost
+_FORGETTING_STEP = 10.0  # periods: beyond, suspicions are dropped
+_HELD_CYCLES = 4  # after a lost sampling, while the valves' lag is made up
+_SECOND_DIFFERENCE = 6.0  # variance of x(k) − 2 x(k−1) + x(k−2) over that of white x
+_BELOW_VACUUM_Pa = -6e3  # gauge: what no sound sensor of a robot in air reads
+_SENSOR_STUCK, _SENSOR_NOISE = KIND_CODES[FaultKind.SENSOR_STUCK], KIND_CODES[FaultKind.SENSOR_NOISE]
+_SENSOR_DROPOUT = KIND_CODES[FaultKind.SENSOR_DROPOUT]
+_LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
+_SUPPLY_SAG, _SUPPLY_LOSS = KIND_CODES[FaultKind.SUPPLY_SAG], KIND_CODES[FaultKind.SUPPLY_LOSS]
+_IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
+_LEARNS_BELOW, _TRUSTS_BELOW = 6.0, 3.0  # of the CUSUM: what may be a fault is not to be learnt as a valve's nature
+_TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
+_COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
+_COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 60.0, 0.05  # … of a chamber seen filling for less than so many cycles
+_LEAST_NOISE_Pa = 100.0
+_BUS_RESOLUTION_Pa = 100.0  # of a pressure, as the bus tells it
+_VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
 
 
 @dataclass(frozen=True)
 class DetectorTuning:
     """Thresholds of the decision.
 
-    `threshold` and `margin` are log-likelihood ratios: e^threshold to one. `evidence` is what one reading counts:
-    innovations are correlated over a few cycles, so it is well below 1. `rate_error` is the part of a modelled pressure
-    change that may be wrong (volume, conductance, supply), `swelling_error` that of the volume's own change.
-    `observer_gain` is the share of an innovation that each model takes over in a cycle. A verdict waits `confirm_s`
-    after the threshold, and up to `patience_s` for one kind to lead the others.
+    `allowance` and `alarm_at` are those of the CUSUM, in deviations of the innovation. `evidence` and `lead` are
+    logarithms of likelihood ratios. A suspicion is looked into every `look_every` cycles; from `confirm` cycles on a
+    verdict may be given, for up to `patience` cycles one kind has to lead the others, after `patience_ends` it is
+    dropped.
     """
 
-    threshold: float = 12.0
-    margin: float = 3.0
-    evidence: float = 0.5
-    rate_error: float = 0.35
-    swelling_error: float = 1.0
-    observer_gain: float = 0.1
-    drift: float = 0.05
-    floor_noise_Pa: float = 700.0
-    jump_Pa: float = 8e3
-    repeats: int = 12
-    suspicious_repeats: int = 5
-    confirm_s: float = 0.08
-    patience_s: float = 0.4
-    settle_s: float = 0.2
-    """After the start, while the observers find the pressures."""
+    period_s: float = 0.01
+    """Of the samplings."""
+    allowance: float = 1.0
+    alarm_at: float = 12.0
+    evidence: float = 16.0
+    lead: float = 3.0
+    look_every: int = 4
+    confirm: int = 2
+    patience: int = 30
+    patience_ends: int = 60
+    review: int = 90
+    lead_again: float = 6.0
+    """How long after the suspicion a name is looked at again, and the lead by which another one takes its place."""
+    repeats: int = 8
+    """Equal readings in a row that make a sensor stuck."""
+    below: int = 4
+    """Readings in a row below vacuum that make a broken wire."""
+    noise_allowance: float = 4.0
+    noise_at: float = 100.0
+    noise_wildest: float = 25.0
+    """CUSUM of the squared second difference over its healthy mean, and what one cycle counts at most."""
+    supply_low: float = 0.1
+    """Share of its gauge pressure by which a supply is too low, over all that the valves can draw."""
+    supply_cycles: int = 8
+    settle: int = 20
+    """Cycles at the start in which nothing is judged."""
 
 
 class DetectorParts(NamedTuple):
     """What a detector is made of, as compiled code takes it."""
 
-    models: FloatArray
-    kinds: NDArray[np.int64]
-    constants: FloatArray
-    supply_conductance: FloatArray
-    exhaust_conductance: FloatArray
-    dead_volume_m3: FloatArray
+    gas: Gas
+    candidates: Candidates
     noise_Pa: float
-    threshold: float
-    margin: float
-    jump_Pa: float
+    """Of a pressure reading, its rounding included."""
+    dithers: bool
+    """Whether a pressure sensor has so much noise over its resolution that it never repeats itself for long."""
+    sounds: bool
+    """Whether the inertial unit has noise, so that a reading that repeats has stuck."""
+    period_s: float
+    allowance: float
+    alarm_at: float
+    evidence: float
+    lead: float
+    look_every: int
+    confirm: int
+    patience: int
+    patience_ends: int
+    review: int
+    lead_again: float
     repeats: int
-    suspicious_repeats: int
-    confirm_s: float
-    patience_s: float
-    settle_s: float
+    below: int
+    noise_allowance: float
+    noise_at: float
+    noise_wildest: float
+    supply_low_Pa: float
+    supply_cycles: int
+    settle: int
 
 
 DETECTOR = np.dtype(
     [
-        ("state_Pa", np.float64, (CHAMBER_COUNT, _COUNT)),
-        ("score", np.float64, (CHAMBER_COUNT, _COUNT)),
-        ("innovation_Pa", np.float64, (CHAMBER_COUNT, _COUNT)),
-        ("lagged_opening", np.float64, CHAMBER_COUNT),
-        ("swelling_1_s", np.float64, CHAMBER_COUNT),
-        ("volume_m3", np.float64, CHAMBER_COUNT),
-        ("last_volume_m3", np.float64, CHAMBER_COUNT),
-        ("last_pressure_Pa", np.float64, CHAMBER_COUNT),
-        ("last_supply_Pa", np.float64),
+        ("cycle", np.int64),
+        ("oldest", np.int64),
+        ("held", np.int64),
         ("last_t_s", np.float64),
+        ("last_supply_Pa", np.float64),
+        ("volume_m3", np.float64, CHAMBER_COUNT),
+        ("lagged", np.float64, CHAMBER_COUNT),
+        ("trusted", np.float64, (CHAMBER_COUNT, STATES)),
+        ("learnt", np.int64, CHAMBER_COUNT),
+        ("filled", np.int64, CHAMBER_COUNT),
+        ("rising", np.float64, CHAMBER_COUNT),
+        ("falling", np.float64, CHAMBER_COUNT),
+        ("alarm", np.int64, CHAMBER_COUNT),
+        ("last_Pa", np.float64, CHAMBER_COUNT),
+        ("before_Pa", np.float64, CHAMBER_COUNT),
         ("repeats", np.int64, CHAMBER_COUNT),
         ("owed_Pa", np.float64, CHAMBER_COUNT),
-        ("suspect_since_s", np.float64, CHAMBER_COUNT),
-        ("started_s", np.float64),
+        ("varied", np.int64, CHAMBER_COUNT),
+        ("below", np.int64, CHAMBER_COUNT),
+        ("noise", np.float64, CHAMBER_COUNT),
+        ("last_imu", np.float64, 6),
+        ("imu_repeats", np.int64),
+        ("imu_varied", np.int64),
+        ("supply_low", np.int64),
+        ("supply_fed_Pa", np.float64),
+        ("supply_drawn_Pa", np.float64),
         ("named", np.int64, CHAMBER_COUNT),
+        ("severity", np.float64, CHAMBER_COUNT),
+        ("named_shared", np.int64, len(KINDS) + 1),
         ("found", np.int64),
-        ("found_chamber", np.int64, CHAMBER_COUNT),
-        ("found_kind", np.int64, CHAMBER_COUNT),
-        ("found_confidence", np.float64, CHAMBER_COUNT),
+        ("found_chamber", np.int64, _MOST_FOUND),
+        ("found_kind", np.int64, _MOST_FOUND),
+        ("found_severity", np.float64, _MOST_FOUND),
+        ("found_confidence", np.float64, _MOST_FOUND),
     ],
     align=True,
 )
-"""What a detector remembers, as a record. `named`: the kind by number, 0 none. `found`: verdicts of this cycle."""
+"""What a detector remembers beside its filters, as a record. `rising` and `falling`: the CUSUMs; `alarm`: cycle at
+which a chamber came to be suspected, −1 if it is not; `trusted`: the filters' states, slowly, while nothing is
+suspected; `named`: the kind by number, 0 none, and its severity; `named_shared`: for each kind whether it was found in
+what the chambers share; `found`: verdicts of this cycle, chamber −1 for none."""
 
 
-def detector_memory() -> Any:
-    """Memory of a detector that has seen nothing, shape (1,) of DETECTOR."""
-    memory = np.zeros(1, DETECTOR).view(np.recarray)
-    memory[0]["last_t_s"] = math.nan
-    memory[0]["suspect_since_s"] = math.nan
-    return memory
+class DetectorMemory(NamedTuple):
+    """All that a detector remembers: records, of shapes (1,), (4,), (1,) and (4,)."""
+
+    own: Any
+    observer: Any
+    window: Any
+    verdict: Any
+
+
+def detector_memory() -> DetectorMemory:
+    """Memory of a detector that has seen nothing."""
+    own = np.zeros(1, DETECTOR).view(np.recarray)
+    own[0]["last_t_s"] = math.nan
+    own[0]["alarm"] = -1
+    return DetectorMemory(
+        own,
+        np.zeros(CHAMBER_COUNT, OBSERVER).view(np.recarray),
+        np.zeros(1, WINDOW).view(np.recarray),
+        np.zeros(CHAMBER_COUNT, VERDICT).view(np.recarray),
+    )
 
 
 def detector_parts(
@@ -146,39 +217,37 @@ def detector_parts(
 ) -> DetectorParts:
     """The parts of a detector of a robot with these pneumatics and sensors."""
     own = tuning or DetectorTuning()
-    constants = [
-        parameters.critical_ratio,
-        parameters.temperature_K,
-        parameters.atmospheric_pressure_absolute_Pa,
-        parameters.gas_constant_times_temperature_J_kg,
-        parameters.valve_lag_s,
-        own.observer_gain,
-        own.rate_error,
-        own.drift,
-        own.swelling_error,
-        own.evidence,
-    ]
+    rounding_Pa = math.hypot(sensors.pressure_resolution_Pa, _BUS_RESOLUTION_Pa) / math.sqrt(12.0)
     return DetectorParts(
-        _MODELS,
-        _MODEL_KINDS,
-        np.array(constants),
-        np.array(parameters.supply_valve_conductance_m3_s_Pa),
-        np.array(parameters.exhaust_valve_conductance_m3_s_Pa),
-        np.array(parameters.dead_volume_m3),
-        math.hypot(max(sensors.pressure_noise_Pa, own.floor_noise_Pa), 100.0),
-        own.threshold,
-        own.margin,
-        own.jump_Pa,
+        gas_of(parameters),
+        CANDIDATES,
+        max(math.hypot(sensors.pressure_noise_Pa, rounding_Pa), _LEAST_NOISE_Pa),
+        sensors.pressure_noise_Pa > 2.0 * max(sensors.pressure_resolution_Pa, _BUS_RESOLUTION_Pa),
+        sensors.gyro_noise_rad_s > 0.0 or sensors.accelerometer_noise_m_s2 > 0.0,
+        own.period_s,
+        own.allowance,
+        own.alarm_at,
+        own.evidence,
+        own.lead,
+        own.look_every,
+        own.confirm,
+        own.patience,
+        own.patience_ends,
+        own.review,
+        own.lead_again,
         own.repeats,
-        own.suspicious_repeats,
-        own.confirm_s,
-        own.patience_s,
-        own.settle_s,
+        own.below,
+        own.noise_allowance,
+        own.noise_at,
+        own.noise_wildest,
+        own.supply_low * parameters.supply_pressure_Pa + 4.0 * sensors.supply_noise_Pa,
+        own.supply_cycles,
+        own.settle,
     )
 
 
 class FaultDetector:
-    """Watches the four chambers. One `update` a cycle; each chamber is named once, until `forget`."""
+    """Watches the four chambers and what they share. One `update` a cycle; each is named once, until `forget`."""
 
     def __init__(
         self,
@@ -193,26 +262,23 @@ class FaultDetector:
     @property
     def named(self) -> dict[int, FaultKind]:
         """What each named chamber was found to have."""
-        return {chamber: KINDS[code - 1] for chamber, code in enumerate(self.memory[0]["named"].tolist()) if code}
+        codes = self.memory.own[0]["named"].tolist()
+        return {chamber: KINDS[code - 1] for chamber, code in enumerate(codes) if code}
 
     def update(self, readings: Readings, chamber_volume_m3: FloatArray) -> tuple[Detection, ...]:
-        """Faults that these readings decide. `chamber_volume_m3` (4,): by the law, dead volume not counted.
-
-        A gap in the readings (over five cycles' worth) restarts the models without a verdict.
-        """
+        """Faults that these readings decide. `chamber_volume_m3` (4,): by the law, dead volume not counted."""
         readings.write(self._reading[0])
         detect(self.parts, self.memory, self._reading, np.ascontiguousarray(chamber_volume_m3))
-        return detections_of(self.memory[0], readings.t_s)
+        return detections_of(self.memory, readings.t_s)
 
     def forget(self, chamber: int) -> None:
         """Take a chamber's verdict back, after a repair."""
-        own = self.memory[0]
-        own["named"][chamber] = 0
-        own["score"][chamber] = 0.0
+        forget_chamber(self.memory, chamber)
 
 
-def detections_of(own: Any, t_s: float) -> tuple[Detection, ...]:
-    """The verdicts of a cycle at t_s that stand in a detector's record."""
+def detections_of(memory: DetectorMemory, t_s: float) -> tuple[Detection, ...]:
+    """The verdicts of a cycle at t_s that stand in a detector's memory."""
+    own = memory.own[0]
     return tuple(
         Detection(
             float(t_s),
@@ -224,184 +290,319 @@ def detections_of(own: Any, t_s: float) -> tuple[Detection, ...]:
     )
 
 
-@njit(cache=True)
-def detect(parts: DetectorParts, memory: Any, reading_memory: Any, chamber_volume_m3: FloatArray) -> None:
-    """One cycle of the detector; its verdicts stand in memory[0] until the next. reading_memory: (1,) of READINGS."""
-    own, reading = memory[0], reading_memory[0]
-    own.found = 0
-    whole = math.isfinite(reading.supply_Pa)
+@njit
+def forget_chamber(memory: DetectorMemory, chamber: int) -> None:
+    """Take a chamber's verdict back: its filter begins anew with the next reading."""
+    own = memory.own[0]
+    own.named[chamber] = 0
+    own.severity[chamber] = 0.0
+    own.oldest = own.cycle
+    _drop(own, chamber)
+    own.repeats[chamber] = own.below[chamber] = 0
+    own.noise[chamber] = own.owed_Pa[chamber] = 0.0
+    memory.observer[chamber].deviation_Pa = 0.0  # tells `detect` to begin with it anew
+
+
+@njit
+def _drop(own: Any, chamber: int) -> None:
+    own.rising[chamber] = own.falling[chamber] = 0.0
+    own.alarm[chamber] = -1
+
+
+@njit
+def _resume(parts: DetectorParts, memory: DetectorMemory, reading: Any, begins: bool, forgets: bool) -> None:
+    """The first reading, or the first after one was lost."""
+    own = memory.own[0]
+    own.oldest = own.cycle
+    own.held = parts.settle if begins else max(own.held, _HELD_CYCLES)
     for c in range(CHAMBER_COUNT):
-        whole = whole and math.isfinite(reading.pressure_Pa[c])
-        own.last_volume_m3[c] = own.volume_m3[c]
-        own.volume_m3[c] = chamber_volume_m3[c] + parts.dead_volume_m3[c]
-    if not whole:
-        return
-    step_s = reading.t_s - own.last_t_s
-    if not 0.0 < step_s < _LONGEST_GAP_S:
-        _restart(own, reading)
-    else:
-        for c in range(CHAMBER_COUNT):
-            swelling = (own.volume_m3[c] - own.last_volume_m3[c]) / step_s / own.volume_m3[c]
-            own.swelling_1_s[c] = min(max(swelling, -_FASTEST_SWELLING_1_S), _FASTEST_SWELLING_1_S)
-        _follow(
-            step_s,
-            reading.pressure_Pa,
-            own.last_supply_Pa,
-            reading.opening,
-            own.volume_m3,
-            own.swelling_1_s,
+        if begins:
+            begin_observing(memory.observer[c], parts.gas, reading.pressure_Pa[c], parts.noise_Pa)
+        else:
+            resume_observing(memory.observer[c], parts.gas, reading.pressure_Pa[c], parts.noise_Pa)
+        if begins or forgets or own.alarm[c] >= 0:
+            _drop(own, c)
+        own.lagged[c] = reading.opening[c]
+        own.last_Pa[c] = reading.pressure_Pa[c]
+        own.repeats[c] = own.below[c] = 0
+        own.noise[c] = own.owed_Pa[c] = 0.0
+    _keep(parts, memory, reading, own.lagged, own.lagged, 0.0)
+
+
+@njit
+def _keep(
+    parts: DetectorParts, memory: DetectorMemory, reading: Any, opening: FloatArray, swelling: FloatArray, step_s: float
+) -> None:
+    own, window = memory.own[0], memory.window[0]
+    at = own.cycle % KEPT
+    window.step_s[at] = step_s
+    window.supply[at] = own.last_supply_Pa + parts.gas.atmosphere_Pa
+    for c in range(CHAMBER_COUNT):
+        observer = memory.observer[c]
+        window.reading_Pa[at, c] = reading.pressure_Pa[c]
+        window.commanded[at, c] = reading.opening[c]
+        window.opening[at, c] = opening[c]
+        window.lagged[at, c] = own.lagged[c]
+        window.volume_m3[at, c] = own.volume_m3[c]
+        window.swelling[at, c] = swelling[c]
+        window.x[at, c, PRESSURE] = observer.x[PRESSURE]
+        for i in range(1, STATES):
+            window.x[at, c, i] = own.trusted[c, i] if own.learnt[c] > 0 else observer.x[i]
+        window.doubt[at, c] = math.sqrt(max(observer.covariance[INLET, INLET], observer.covariance[OUTLET, OUTLET]))
+        window.timing_Pa[at, c] = observer.timing_Pa
+        window.innovation_Pa[at, c] = observer.innovation_Pa
+        window.deviation_Pa[at, c] = observer.deviation_Pa
+
+
+@njit
+def _follow(
+    parts: DetectorParts, memory: DetectorMemory, reading: Any, chamber_volume_m3: FloatArray, step_s: float
+) -> None:
+    """Move the filters on by a reading, and keep what was seen."""
+    own, gas = memory.own[0], parts.gas
+    mean, swelling = np.empty(CHAMBER_COUNT), np.empty(CHAMBER_COUNT)
+    off = abs(step_s - parts.period_s) / parts.period_s
+    for c in range(CHAMBER_COUNT):
+        volume = chamber_volume_m3[c] + gas.dead_volume_m3[c]
+        grown = (volume - own.volume_m3[c]) / volume
+        swelling[c] = min(max(grown, -_FASTEST_SWELLING), _FASTEST_SWELLING)
+        own.volume_m3[c] = volume
+        own.lagged[c], mean[c] = lagged_opening(gas.lag_s, step_s, own.lagged[c], reading.opening[c])
+        observer = memory.observer[c]
+        if observer.deviation_Pa <= 0.0:
+            begin_observing(observer, gas, reading.pressure_Pa[c], parts.noise_Pa)
+            continue
+        observe(
+            observer,
+            gas,
+            c,
+            reading.pressure_Pa[c],
             parts.noise_Pa,
-            parts.supply_conductance,
-            parts.exhaust_conductance,
-            parts.constants,
-            parts.models,
-            own.state_Pa,
-            own.lagged_opening,
-            own.innovation_Pa,
-            own.score,
+            own.last_supply_Pa + gas.atmosphere_Pa,
+            mean[c],
+            own.lagged[c],
+            volume,
+            swelling[c],
+            step_s,
+            off,
+            own.alarm[c] < 0 and own.named[c] == 0 and max(own.rising[c], own.falling[c]) < _LEARNS_BELOW,
         )
-        settling = reading.t_s - own.started_s < parts.settle_s
-        for c in range(CHAMBER_COUNT):
-            if settling:
-                for m in range(_COUNT):
-                    own.score[c, m] = 0.0
-            elif own.named[c] == 0:
-                kind, confidence = _sensor_fault(parts, own, reading, c, step_s)
-                if kind == 0:
-                    kind, confidence = _gas_fault(parts, own, c, reading.t_s)
-                if kind != 0:
-                    own.named[c] = kind
-                    n = own.found
-                    own.found_chamber[n], own.found_kind[n], own.found_confidence[n] = c, kind, confidence
-                    own.found = n + 1
-    for c in range(CHAMBER_COUNT):
-        own.last_pressure_Pa[c] = reading.pressure_Pa[c]
-    own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
+        if max(own.rising[c], own.falling[c]) < _TRUSTS_BELOW and own.alarm[c] < 0 and own.named[c] == 0:
+            own.learnt[c] += 1
+            own.filled[c] += 1 if own.lagged[c] > _FILLS else 0
+            share = max(_TRUST_SHARE, 1.0 / own.learnt[c])
+            for i in range(STATES):
+                own.trusted[c, i] += share * (observer.x[i] - own.trusted[c, i])
+        mean[c] = between(mean[c], own.lagged[c])
+    _keep(parts, memory, reading, mean, swelling, step_s)
 
 
-@njit(cache=True)
-def _restart(own: Any, reading: Any) -> None:
+@njit
+def _tell(own: Any, chamber: int, kind: int, severity: float, confidence: float) -> None:
+    if chamber >= 0:
+        own.named[chamber], own.severity[chamber] = kind, severity
+        if kind == _LINES_SWAPPED:
+            other = (chamber + 1) % CHAMBER_COUNT
+            own.named[other], own.severity[other] = kind, severity
+            _drop(own, chamber)
+            _drop(own, other)
+    else:
+        own.named_shared[kind] = 1
+    n = own.found
+    if n < _MOST_FOUND:
+        own.found_chamber[n], own.found_kind[n] = chamber, kind
+        own.found_severity[n], own.found_confidence[n] = severity, np.round(100.0 * confidence) / 100.0
+        own.found = n + 1
+
+
+@njit
+def _judge(parts: DetectorParts, memory: DetectorMemory, reading: Any, decides: bool) -> None:
+    own = memory.own[0]
     for c in range(CHAMBER_COUNT):
-        for m in range(_COUNT):
-            own.state_Pa[c, m] = reading.pressure_Pa[c]
-            own.score[c, m] = 0.0
-        own.lagged_opening[c] = reading.opening[c]
-        own.suspect_since_s[c] = math.nan
+        if own.named[c] != 0:
+            if own.alarm[c] >= 0:
+                _review(parts, memory, c, decides)
+            continue
+        kind = _sensor_alone(parts, own, memory.observer[c], reading.pressure_Pa[c], c)
+        if not decides:
+            _drop(own, c)
+            continue
+        if kind != 0:
+            _tell(own, c, kind, 1.0, 1.0)
+            _drop(own, c)
+            continue
+        observer = memory.observer[c]
+        z = observer.innovation_Pa / observer.deviation_Pa
+        z = min(max(z, -_WILDEST), _WILDEST)
+        own.rising[c] = max(0.0, own.rising[c] + z - parts.allowance)
+        own.falling[c] = max(0.0, own.falling[c] - z - parts.allowance)
+        if own.alarm[c] < 0:
+            if max(own.rising[c], own.falling[c]) < parts.alarm_at:
+                continue
+            own.alarm[c] = own.cycle
+        _explain(parts, memory, c)
+
+
+@njit
+def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float, c: int) -> int:
+    """What a chamber's readings alone say of its sensor: a kind by number, 0 none."""
+    if shown_Pa == own.last_Pa[c]:
+        own.repeats[c] += 1
+        own.owed_Pa[c] = max(own.owed_Pa[c], abs(observer.innovation_Pa))
+        owes = own.owed_Pa[c] > 2.0 * parts.noise_Pa or (parts.dithers and own.varied[c] > _VARIED)
+        if own.repeats[c] >= parts.repeats and owes:
+            return _SENSOR_STUCK
+    else:
         own.repeats[c] = 0
         own.owed_Pa[c] = 0.0
-    own.started_s = reading.t_s
+        own.varied[c] += 1
+    own.below[c] = own.below[c] + 1 if shown_Pa < _BELOW_VACUUM_Pa else 0
+    bend_Pa = shown_Pa - 2.0 * own.last_Pa[c] + own.before_Pa[c]
+    wild = bend_Pa * bend_Pa / (_SECOND_DIFFERENCE * parts.noise_Pa * parts.noise_Pa)
+    own.noise[c] = max(0.0, own.noise[c] + min(wild, parts.noise_wildest) - parts.noise_allowance)
+    if own.noise[c] > parts.noise_at:
+        return _SENSOR_NOISE
+    if own.below[c] >= parts.below and own.noise[c] < 0.75 * parts.noise_at:
+        return _SENSOR_DROPOUT
+    return 0
 
 
-@njit(cache=True)
-def _gas_fault(parts: DetectorParts, own: Any, chamber: int, t_s: float) -> tuple[int, float]:
-    score = own.score[chamber]
-    best = 0
-    for m in range(1, _COUNT):
-        if score[m] > score[best]:
-            best = m
-    kind = parts.kinds[best]
-    if kind == 0 or score[best] < parts.threshold:
-        own.suspect_since_s[chamber] = math.nan
-        return 0, 0.0
-    if math.isnan(own.suspect_since_s[chamber]):
-        own.suspect_since_s[chamber] = t_s
-    waited_s = t_s - own.suspect_since_s[chamber]
-    if waited_s < parts.confirm_s or 0 < parts.suspicious_repeats <= own.repeats[chamber]:
-        return 0, 0.0
-    lead, rival = math.inf, 0
-    for m in range(1, _COUNT):
-        if parts.kinds[m] != kind and score[best] - score[m] < lead:
-            lead, rival = score[best] - score[m], parts.kinds[m]
-    if lead < parts.margin:
-        if waited_s < parts.patience_s:
-            return 0, 0.0
-        if (kind == _BLOCKED_INLET and rival == _STUCK_CLOSED) or (kind == _STUCK_CLOSED and rival == _BLOCKED_INLET):
-            kind = _BLOCKED_INLET  # an empty chamber cannot tell them apart: it has nothing to vent
-    return kind, 1.0 / (1.0 + math.exp(-max(lead, 0.0)))
+@njit
+def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
+    """Look for what explains a suspected chamber, and say it when it is clear."""
+    own = memory.own[0]
+    waited = own.cycle - own.alarm[c]
+    if waited > parts.patience_ends:
+        _drop(own, c)
+        return
+    undecided = own.repeats[c] >= 4 or own.below[c] > 0 or own.noise[c] > 0.3 * parts.noise_at
+    if waited < parts.confirm or (waited - parts.confirm) % parts.look_every != 0 or undecided:
+        return
+    verdict = memory.verdict[c]
+    name_fault(
+        parts.gas,
+        memory.window[0],
+        c,
+        own.cycle,
+        own.alarm[c],
+        own.oldest,
+        parts.noise_Pa,
+        parts.candidates,
+        waited <= parts.confirm + 2 * parts.look_every,
+        verdict,
+    )
+    doubt = memory.window[0].doubt[own.cycle % KEPT, c]
+    asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP)
+    if verdict.kind == 0 or verdict.evidence < parts.evidence + asked:
+        return
+    if verdict.lead < parts.lead and waited < parts.patience:
+        return
+    _tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
 
 
-@njit(cache=True)
-def _sensor_fault(parts: DetectorParts, own: Any, reading: Any, chamber: int, step_s: float) -> tuple[int, float]:
-    shown, before = reading.pressure_Pa[chamber], own.last_pressure_Pa[chamber]
-    innovation = own.innovation_Pa[chamber, 0]
-    fastest_Pa = 2.0 * step_s * _fill_rate_Pa_s(parts, own, chamber, reading.supply_Pa)
-    if shown - before > max(parts.jump_Pa, fastest_Pa) and innovation > parts.jump_Pa:
-        return _SENSOR_OFFSET, min(1.0, (shown - before) / SENSOR_OFFSET_Pa + 0.5)
-    if shown != before:
-        own.repeats[chamber] = 0
-        own.owed_Pa[chamber] = 0.0
-        return 0, 0.0
-    own.repeats[chamber] += 1
-    own.owed_Pa[chamber] = max(own.owed_Pa[chamber], abs(innovation))
-    if own.repeats[chamber] >= parts.repeats and own.owed_Pa[chamber] > parts.noise_Pa:
-        return _SENSOR_STUCK, 1.0
-    return 0, 0.0
+@njit
+def _review(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool) -> None:
+    """Look again at a chamber that was named: what it does since then may tell the kinds apart."""
+    own = memory.own[0]
+    waited = own.cycle - own.alarm[c]
+    verdict = memory.verdict[c]
+    slid_out = own.cycle - verdict.onset[verdict.candidate] > KEPT - 2  # what explained it best began before the window
+    if not decides or waited > parts.review or slid_out:
+        _drop(own, c)
+        return
+    if (waited - parts.confirm) % (2 * parts.look_every) != 0:
+        return
+    name_fault(
+        parts.gas,
+        memory.window[0],
+        c,
+        own.cycle,
+        own.alarm[c],
+        own.oldest,
+        parts.noise_Pa,
+        parts.candidates,
+        False,
+        verdict,
+    )
+    if verdict.kind == 0 or verdict.evidence < parts.evidence:
+        return
+    if verdict.kind == own.named[c]:
+        own.severity[c] = verdict.severity
+    elif verdict.lead >= parts.lead_again:
+        _tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
+        if verdict.chamber != c:
+            _drop(own, c)
 
 
-@njit(cache=True)
-def _fill_rate_Pa_s(parts: DetectorParts, own: Any, chamber: int, supply_Pa: float) -> float:
-    b, temperature, atmosphere, gas = parts.constants[0], parts.constants[1], parts.constants[2], parts.constants[3]
-    flow = valve_mass_flow(parts.supply_conductance[chamber], b, supply_Pa + atmosphere, atmosphere, temperature)
-    return flow * gas / own.volume_m3[chamber]
+@njit
+def _judge_supply(parts: DetectorParts, own: Any, reading: Any) -> None:
+    """A supply that stands lower than the valves can draw it: it sags, or it is lost and only falls."""
+    if own.named_shared[_SUPPLY_SAG] + own.named_shared[_SUPPLY_LOSS] > 0:
+        return
+    if reading.supply_Pa > parts.gas.regulated_Pa - parts.supply_low_Pa:
+        own.supply_low = 0
+        return
+    own.supply_low += 1
+    if own.supply_low >= parts.supply_cycles:
+        _tell(own, NO_CHAMBER, _SUPPLY_SAG, 1.0 - reading.supply_Pa / parts.gas.regulated_Pa, 1.0)
 
 
-@njit(cache=True)
-def _follow(
-    step_s: float,
-    reading_Pa: FloatArray,
-    supply_Pa: float,
-    opening: FloatArray,
-    volume_m3: FloatArray,
-    swelling_1_s: FloatArray,
-    noise_Pa: float,
-    supply_conductance: FloatArray,
-    exhaust_conductance: FloatArray,
-    constants: FloatArray,
-    models: FloatArray,
-    state_Pa: FloatArray,
-    lagged_opening: FloatArray,
-    innovation_Pa: FloatArray,
-    score: FloatArray,
-) -> None:
-    """One cycle of all models of all chambers: predict, compare, correct, accumulate. Arrays are moved in place."""
-    b, temperature, atmosphere, gas = constants[0], constants[1], constants[2], constants[3]
-    lag, gain, rate_error, drift = constants[4], constants[5], constants[6], constants[7]
-    swelling_error, evidence = constants[8], constants[9]
-    follow = 1.0 - math.exp(-step_s / lag) if lag > 0.0 else 1.0
-    for c in range(reading_Pa.size):
-        before = lagged_opening[c]
-        lagged_opening[c] += follow * (opening[c] - lagged_opening[c])
-        healthy = 0.0
-        for m in range(models.shape[0]):
-            u = 0.5 * (before + lagged_opening[c]) if math.isnan(models[m, _FORCED]) else models[m, _FORCED]
-            inlet = max(u, 0.0) * supply_conductance[c] * models[m, _INLET]
-            outlet = max(-u, 0.0) * exhaust_conductance[c]
-            hole = models[m, _HOLE] * supply_conductance[c]
-            start = p = state_Pa[c, m]
-            for _ in range(_SUBSTEPS):  # Rosenbrock–Euler: stable however big the hole
-                rate = 0.0
-                slope = 0.0
-                for side in range(2):
-                    inside = p + side * _SLOPE_STEP_Pa + atmosphere
-                    flow = (
-                        valve_mass_flow(inlet, b, supply_Pa + atmosphere, inside, temperature)
-                        - valve_mass_flow(outlet, b, inside, atmosphere, temperature)
-                        - valve_mass_flow(hole, b, inside, atmosphere, temperature)
-                    )
-                    here = gas * flow / volume_m3[c] - inside * swelling_1_s[c]
-                    if side == 0:
-                        rate = here
-                    slope = (here - rate) / _SLOPE_STEP_Pa
-                dt_s = step_s / _SUBSTEPS
-                p += dt_s * rate / (1.0 - dt_s * min(slope, 0.0))
-            p = min(max(p, min(start, 0.0)), max(start, supply_Pa))
-            error = reading_Pa[c] - p
-            innovation_Pa[c, m] = error
-            variance = noise_Pa * noise_Pa + (rate_error * (p - start)) ** 2
-            variance += (swelling_error * step_s * swelling_1_s[c] * (p + atmosphere)) ** 2
-            state_Pa[c, m] = p + gain * error
-            likelihood = evidence * (-0.5 * min(error * error / variance, _WORST) - 0.5 * math.log(variance))
-            if m == 0:
-                healthy = likelihood
-            else:
-                score[c, m] = max(0.0, score[c, m] + likelihood - healthy - drift)
+@njit
+def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
+    """An inertial unit that repeats itself to the last bit, or says zero throughout."""
+    same, nothing = True, True
+    for k in range(6):
+        value = reading.gyro_rad_s[k] if k < 3 else reading.accelerometer_m_s2[k - 3]
+        same = same and value == own.last_imu[k]
+        nothing = nothing and value == 0.0
+        own.last_imu[k] = value
+    own.imu_repeats = own.imu_repeats + 1 if same else 0
+    kind = _IMU_DROPOUT if nothing else _IMU_STUCK
+    own.imu_varied += 0 if same else 1
+    known = own.named_shared[_IMU_STUCK] + own.named_shared[_IMU_DROPOUT] > 0
+    if own.imu_varied > _VARIED and own.imu_repeats >= parts.repeats and (nothing or parts.sounds) and not known:
+        _tell(own, NO_CHAMBER, kind, 1.0, 1.0)
+
+
+def _compile(stamp: str):  # type: ignore[no-untyped-def]
+    @njit(cache=True)
+    def detect(
+        parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray
+    ) -> bool:
+        """One cycle of the detector; its verdicts stand in memory until the next. reading_memory: (1,) of READINGS.
+
+        chamber_volume_m3 (4,): by the law, dead volume not counted.
+        """
+        own, reading = memory.own[0], reading_memory[0]
+        own.found = 0
+        whole = math.isfinite(reading.supply_Pa)
+        for c in range(CHAMBER_COUNT):
+            whole = whole and math.isfinite(reading.pressure_Pa[c]) and math.isfinite(reading.opening[c])
+            whole = whole and chamber_volume_m3[c] + parts.gas.dead_volume_m3[c] > 0.0
+        if not whole:
+            return len(stamp) > 0
+        step_s = reading.t_s - own.last_t_s
+        begins = math.isnan(own.last_t_s)
+        lost = not begins and not 0.2 * parts.period_s < step_s < _LONGEST_STEP * parts.period_s
+        own.cycle += 1
+        if begins or lost:
+            _resume(parts, memory, reading, begins, not 0.0 < step_s < _FORGETTING_STEP * parts.period_s)
+            for c in range(CHAMBER_COUNT):
+                own.volume_m3[c] = chamber_volume_m3[c] + parts.gas.dead_volume_m3[c]
+        else:
+            _follow(parts, memory, reading, chamber_volume_m3, step_s)
+            if own.held > 0:
+                own.held -= 1
+            _judge(parts, memory, reading, own.held == 0)
+            _judge_supply(parts, own, reading)
+            _judge_imu(parts, own, reading)
+        for c in range(CHAMBER_COUNT):
+            own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
+        own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
+        return len(stamp) > 0
+
+    return detect
+
+
+# its own kernels are compiled into it, so that none of them is found in the cache as it was before a change elsewhere
+detect = _compile(kernel_stamp(chamber_gas, chamber_observer, fault_naming, pneumatics, __file__))

@@ -22,11 +22,30 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from controllers import commutation, compensation, estimation, fault_detection, recovery, robot_model
+from controllers import (
+    chamber_gas,
+    chamber_observer,
+    commutation,
+    compensation,
+    estimation,
+    fault_answers,
+    fault_detection,
+    fault_naming,
+    recovery,
+    robot_model,
+)
 from controllers.commutation import commanded_direction_rad, shortfall_rad
 from controllers.compensation import compensate
 from controllers.estimation import estimator_memory, follow_bend, follow_roll
-from controllers.fault_detection import DetectorParts, detect, detections_of, detector_memory, detector_parts
+from controllers.fault_answers import BLIND, FORBIDS_FROM, answers, strength_left
+from controllers.fault_detection import (
+    DetectorMemory,
+    DetectorParts,
+    detect,
+    detections_of,
+    detector_memory,
+    detector_parts,
+)
 from controllers.interface import (
     STATES,
     STRATEGIES,
@@ -40,28 +59,13 @@ from controllers.recovery import REVERSAL, begin_reversal, reversal_due, reversa
 from controllers.robot_model import RobotModel, pressures_for
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
-from softbot.faults import KIND_CODES, KINDS, FaultKind
+from softbot.faults import KIND_CODES, FaultKind
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.robot import Robot
 from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
-
-KILLS_CHAMBER = frozenset(
-    {
-        FaultKind.RUPTURE,
-        FaultKind.BLOCKED_INLET,
-        FaultKind.STUCK_CLOSED,
-        FaultKind.SENSOR_OFFSET,
-        FaultKind.SENSOR_STUCK,
-    }
-)
-"""Faults after which the chamber is no longer used. A leak is reported, and the pressure loop feeds it."""
-BLINDS_CHAMBER = frozenset({FaultKind.SENSOR_OFFSET, FaultKind.SENSOR_STUCK})
-"""Faults of a chamber's sensor: it is vented, whatever it says."""
-FORBIDS_ROLLING = frozenset({FaultKind.STUCK_OPEN})
-"""Faults that only shutting the supply answers. (A valve stuck shut is one while its chamber holds pressure.)"""
 
 _STALL_RATE_RAD_S = 0.25
 _STALL_RATE_TIME_S = 0.3  # a robot that only rocks has stalled: the rate is averaged over about this
@@ -85,12 +89,7 @@ _DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
 _CURVATURE_REVERSAL, _SAFE_STOP = STRATEGIES.index("curvature_reversal"), STRATEGIES.index("safe_stop")
 _STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
 _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
-_MOST_ANSWERS = 4
-
-
-def _holds(kinds: frozenset[FaultKind]) -> NDArray[np.bool_]:
-    """For each number of a kind (0: none) whether it is one of these."""
-    return np.array([False, *(kind in kinds for kind in KINDS)])
+_MOST_ANSWERS = 8
 
 
 class SequencerParts(NamedTuple):
@@ -100,9 +99,8 @@ class SequencerParts(NamedTuple):
     detector: DetectorParts
     recovers: bool
     lead_rad: float
-    kills: NDArray[np.bool_]
-    blinds: NDArray[np.bool_]
-    forbids: NDArray[np.bool_]
+    answers: FloatArray
+    """`controllers.fault_answers.answers()`."""
 
 
 SEQUENCER = np.dtype(
@@ -134,11 +132,11 @@ distance NaN where none was ordered; `strength` 0 of a chamber that is not used,
 
 
 class SequencerMemory(NamedTuple):
-    """All that a sequencer remembers: records, each of shape (1,)."""
+    """All that a sequencer remembers: records of shape (1,), and its detector's."""
 
     own: Any
     estimator: Any
-    detector: Any
+    detector: DetectorMemory
     reversal: Any
 
 
@@ -183,9 +181,7 @@ class SequencerConfig:
             detector_parts(self.robot.pneumatics, self.robot.sensors),
             bool(self.recovery),
             float(self.lead_rad),
-            _holds(KILLS_CHAMBER),
-            _holds(BLINDS_CHAMBER),
-            _holds(FORBIDS_ROLLING),
+            answers(),
         )
 
 
@@ -254,24 +250,29 @@ def _rolling_state(parts: SequencerParts, own: Any) -> int:
 @njit(cache=True)
 def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> None:
     """React to what was found: reverse from now on, or fall back to the safe state."""
-    own, detector = memory.own[0], memory.detector[0]
+    own, detector = memory.own[0], memory.detector.own[0]
     own.answered = 0
+    died = False
     for i in range(CHAMBERS):
-        own.strength[i] = 0.0 if parts.kills[detector.named[i]] else 1.0
-        own.sighted[i] = 0.0 if parts.blinds[detector.named[i]] else 1.0
+        kind = detector.named[i]
+        left = strength_left(parts.answers, kind, detector.severity[i])
+        died = died or (left <= 0.0 < own.strength[i])
+        own.strength[i] = left
+        own.sighted[i] = 1.0 - parts.answers[kind, BLIND]
     for n in range(detector.found):
-        kind = detector.found_kind[n]
-        held_Pa = reading.pressure_Pa[detector.found_chamber[n]] if kind == _STUCK_CLOSED else 0.0
+        kind, chamber = detector.found_kind[n], detector.found_chamber[n]
+        held_Pa = reading.pressure_Pa[chamber] if kind == _STUCK_CLOSED else 0.0
         holds = held_Pa > _HELD_SHARE * parts.model.pressure_limit_Pa
+        dies = died and chamber >= 0 and own.strength[chamber] <= 0.0
         answer = -1
-        if parts.forbids[kind] or holds or _dead(own) > 1:
+        if detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM] or holds or (dies and _dead(own) > 1):
             _enter(memory, _SAFE, t_s)
             answer = _SAFE_STOP
-        elif parts.kills[kind] and parts.recovers:
+        elif dies and parts.recovers:
             if own.state == _ROLLING or own.state == _DEGRADED or own.state == _STALLED:
                 _enter(memory, _DEGRADED, t_s)
             answer = _CURVATURE_REVERSAL
-        if answer >= 0:
+        if answer >= 0 and own.answered < _MOST_ANSWERS:
             own.answer[own.answered] = answer
             own.answered += 1
 
@@ -380,7 +381,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         follow_roll(estimate, reading[0])
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         if own.state == _SAFE:
-            memory.detector[0].found = 0
+            memory.detector.own[0].found = 0
         else:
             detect(parts.detector, memory.detector, reading, estimate.volume_m3)
         _answer(parts, memory, reading[0], t_s)
@@ -396,10 +397,14 @@ cycle = _compile(
         actuator_equilibrium,
         actuator_inverse,
         chain,
+        chamber_gas,
+        chamber_observer,
         commutation,
         compensation,
         estimation,
+        fault_answers,
         fault_detection,
+        fault_naming,
         hysteresis,
         line,
         material,
@@ -461,6 +466,6 @@ class Sequencer:
             own["setpoint_Pa"].copy(),
             self.state,
             bool(own["wants_armed"]),
-            detections_of(self.memory.detector[0], readings.t_s),
+            detections_of(self.memory.detector, readings.t_s),
             tuple(Recovery(t_s, STRATEGIES[int(own["answer"][n])]) for n in range(int(own["answered"]))),
         )

@@ -235,7 +235,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
-    own, detector = memory.own[0], memory.detector[0]
+    own, detector = memory.own[0], memory.detector.own[0]
     for e in range(detector.found):
         k = heard.counts[0]
         if k < heard.found.shape[0]:

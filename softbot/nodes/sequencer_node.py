@@ -20,6 +20,7 @@ from firmware_protocol.enumerations import EmergencyReason, FaultKind, Health
 from firmware_protocol.frame import Frame
 from firmware_protocol.sequencer_link import LinkFailure, LinkState, SequencerLink
 from sim.scene import Scene
+from softbot.faults import NO_CHAMBER
 from softbot.robot import Robot
 from softbot.sensing import Readings
 
@@ -133,7 +134,8 @@ class SequencerNode:
         self.detections += output.detections
         self.recoveries += output.recoveries
         for found in output.detections:
-            self.link.report_fault(FaultKind.of_name(found.kind), chamber=found.chamber, confidence=found.confidence)
+            chamber = None if found.chamber == NO_CHAMBER else found.chamber
+            self.link.report_fault(FaultKind.of_name(found.kind), chamber=chamber, confidence=found.confidence)
 
     def _arm_or_disarm(self, t_s: float) -> None:
         link = self.link

@@ -97,7 +97,7 @@ def test_a_chamber_is_named_once_until_it_is_forgotten():
 
     blow(1.5, 0.0)
     assert sorted(d.chamber for d in found) == [0, 1, 2, 3]
-    assert {d.kind for d in found} <= {"blocked_inlet", "rupture"}
+    assert {d.kind for d in found} <= {"blocked_inlet", "stuck_closed", "rupture"}
     blow(1.0, 1.5)
     assert len(found) == 4
     detector.forget(2)

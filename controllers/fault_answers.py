@@ -1,0 +1,58 @@
+"""What a named fault leaves of a chamber, and whether the robot may roll on with it.
+
+A row for each kind: the severity from which the chamber is dead (not used any more), whether its sensor is not to be
+believed (the chamber is then taken as vented, and is), the severity from which rolling on is forbidden, and how much of
+its effect a chamber loses for each unit of severity where it is still used.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from softbot.faults import BALLOON_LOSS, KIND_CODES, KINDS, FaultKind
+
+FloatArray = NDArray[np.float64]
+
+DEAD_FROM, BLIND, FORBIDS_FROM, LOSS = range(4)
+_NEVER, _ALWAYS = math.inf, -math.inf
+
+_ROWS: dict[FaultKind, tuple[float, float, float, float]] = {
+    FaultKind.RUPTURE: (_ALWAYS, 0.0, _NEVER, 0.0),
+    FaultKind.LEAK: (_NEVER, 0.0, _NEVER, 0.0),  # the pressure loop feeds it
+    FaultKind.BLOCKED_INLET: (0.8, 0.0, _NEVER, 0.0),
+    FaultKind.BLOCKED_EXHAUST: (_NEVER, 0.0, 0.9, 0.0),  # what went in stays in
+    FaultKind.KINKED_LINE: (0.8, 0.0, _NEVER, 0.0),
+    FaultKind.STUCK_OPEN: (_ALWAYS, 0.0, _ALWAYS, 0.0),  # only shutting the supply answers it
+    FaultKind.STUCK_CLOSED: (_ALWAYS, 0.0, _NEVER, 0.0),  # the sequencer looks at what it holds
+    FaultKind.BALLOONING: (_NEVER, 0.0, _NEVER, BALLOON_LOSS),
+    FaultKind.SENSOR_OFFSET: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_DRIFT: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_NOISE: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_STUCK: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_DROPOUT: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_SCALE: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.LINES_SWAPPED: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SUPPLY_LOSS: (_NEVER, 0.0, _ALWAYS, 0.0),
+    FaultKind.IMU_STUCK: (_NEVER, 0.0, _ALWAYS, 0.0),  # without the roll nobody knows which chamber is due
+    FaultKind.IMU_DROPOUT: (_NEVER, 0.0, _ALWAYS, 0.0),
+}
+
+
+def answers() -> FloatArray:
+    """The table for compiled code: a row for each number of a kind (0: none), columns as the constants say."""
+    table = np.tile(np.array([_NEVER, 0.0, _NEVER, 0.0]), (len(KINDS) + 1, 1))
+    for kind, row in _ROWS.items():
+        table[KIND_CODES[kind]] = row
+    return table
+
+
+@njit
+def strength_left(table: FloatArray, kind: int, severity: float) -> float:
+    """What a chamber can still do, 0 … 1, with this wrong with it (0: nothing is)."""
+    if severity >= table[kind, DEAD_FROM]:
+        return 0.0
+    return max(1.0 - table[kind, LOSS] * severity, 0.0)

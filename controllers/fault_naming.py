@@ -1,0 +1,476 @@
+"""Naming a fault: which kind and severity of the library explains the last second of a chamber's readings best.
+
+When a chamber's filter is surprised, the library is played over what was kept of the last cycles: for each kind,
+severity and time of onset the chamber is simulated from what the filter believed at that onset, with the conductances
+that it had learnt of this very robot, under the openings that were really commanded. The logarithm of the likelihood
+ratio against the filter itself (a healthy robot) is the evidence; the posterior over the kinds is the confidence, and
+the best severity is the estimate. Nothing here decides; `controllers.fault_detection` does.
+
+Two things that are the same are not told apart: a line that is closed for good and a valve that is stuck shut.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from controllers.chamber_gas import Gas, lagged_opening, next_pressure
+from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET, PRESSURE, STATES, between
+from softbot.faults import (
+    CHAMBER_COUNT,
+    KIND_CODES,
+    KINDS,
+    LEAK_CONDUCTANCE_RATIO,
+    RUPTURE_CONDUCTANCE_RATIO,
+    SENSOR_SCALE_LOSS,
+    VALVE_SLOWNESS,
+    BALLOON_VOLUME_1_Pa,
+    FaultKind,
+    SENSOR_DRIFT_Pa_s,
+    SENSOR_OFFSET_Pa,
+)
+
+FloatArray = NDArray[np.float64]
+
+KEPT = 128
+"""Cycles that are kept."""
+ONSETS = np.array([2, 5, 9, 14, 22, 34, 50, 70, 95], dtype=np.int64)
+"""Cycles before the alarm at which the fault may have struck."""
+EVIDENCE = 0.7
+"""What one reading counts: errors of the model are correlated over a few cycles."""
+SYSTEMATIC_SHARE, SIMULATED_Pa = 0.05, 350.0
+"""Deviation of a simulated pressure: of the whole way that it has come, by one common factor, and of each by itself."""
+_MOST_SHARES = 2.5
+"""Deviations of that factor at most: a way not come at all is no error of the model."""
+TIMING_KEPT = 0.9
+"""Share of what a valve's moving may have made of the pressure that is still there a cycle later, squared."""
+WORST = 12.0
+"""Cost of one reading at most: however wild, it is no proof."""
+RUPTURE_FROM = 2.0
+"""Hole over the supply valve's conductance from which a leak is called a rupture: no useful pressure is held."""
+
+# how a candidate changes the chamber
+_HOLE, _INLET, _OUTLET, _BOTH, _FORCED, _LAG, _WIDENING, _SCALE, _OFFSET, _DRIFT, _SWAP = range(11)
+
+
+class Candidates(NamedTuple):
+    """The library as it is played: a row for each kind."""
+
+    kind: NDArray[np.int64]
+    change: NDArray[np.int64]
+    base: FloatArray
+    """Of the value that the change takes (hole ratio, what is left of a path, forced opening, factor of the lag,
+    widening, scale) at no severity …"""
+    slope: FloatArray
+    """… and with each unit of it."""
+    severity: FloatArray
+    """That are tried at first, shape (kinds, 4)."""
+    least: FloatArray
+    most: FloatArray
+    """Bounds of the severity."""
+    prior: FloatArray
+    """Logarithm."""
+
+
+def _candidates() -> Candidates:
+    rows = (
+        (FaultKind.LEAK, _HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.04, 1.6, -1.0),
+        (FaultKind.RUPTURE, _HOLE, 0.0, RUPTURE_CONDUCTANCE_RATIO, (0.22, 0.35, 0.6, 1.0), 0.18, 1.0, -1.0),
+        (FaultKind.BLOCKED_INLET, _INLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
+        (FaultKind.BLOCKED_EXHAUST, _OUTLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
+        (FaultKind.KINKED_LINE, _BOTH, 1.0, -1.0, (0.45, 0.65, 0.8, 0.92), 0.25, 0.96, -1.0),
+        (FaultKind.STUCK_CLOSED, _FORCED, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 0.0),
+        (FaultKind.STUCK_OPEN, _FORCED, 0.0, 1.0, (0.1, 0.25, 0.5, 1.0), 0.05, 1.0, -1.0),
+        (FaultKind.VALVE_SLOW, _LAG, 1.0, VALVE_SLOWNESS, (0.12, 0.25, 0.5, 1.0), 0.1, 1.0, -1.0),
+        (FaultKind.BALLOONING, _WIDENING, 0.0, BALLOON_VOLUME_1_Pa, (0.2, 0.4, 0.65, 1.0), 0.15, 1.0, -2.0),
+        (FaultKind.SENSOR_SCALE, _SCALE, 1.0, -SENSOR_SCALE_LOSS, (0.2, 0.4, 0.6, 0.9), 0.15, 1.0, -1.0),
+        (FaultKind.SENSOR_OFFSET, _OFFSET, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -1.0),
+        (FaultKind.SENSOR_DRIFT, _DRIFT, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -2.0),
+        (FaultKind.LINES_SWAPPED, _SWAP, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, -2.0),
+    )
+    kind, change, base, slope, severity, least, most, prior = zip(*rows, strict=True)
+    return Candidates(
+        np.array([KIND_CODES[one] for one in kind], dtype=np.int64),
+        np.array(change, dtype=np.int64),
+        np.array(base),
+        np.array(slope),
+        np.array(severity),
+        np.array(least),
+        np.array(most),
+        np.array(prior),
+    )
+
+
+CANDIDATES = _candidates()
+KIND_COUNT = len(KINDS) + 1
+COUNT = len(CANDIDATES.kind)
+
+WINDOW = np.dtype(
+    [
+        ("step_s", np.float64, KEPT),
+        ("reading_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("supply", np.float64, KEPT),
+        ("commanded", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("opening", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("lagged", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("volume_m3", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("swelling", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("x", np.float64, (KEPT, CHAMBER_COUNT, STATES)),
+        ("timing_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("doubt", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("innovation_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("deviation_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
+    ],
+    align=True,
+)
+"""What is kept of the last cycles, a place each in turn: readings, absolute supply that acted until then, openings
+(commanded, mean and lagged), volumes, and what the filters believed after each; `doubt`: deviation of the conductances
+that they had learnt."""
+
+VERDICT = np.dtype(
+    [
+        ("kind", np.int64),
+        ("candidate", np.int64),
+        ("chamber", np.int64),
+        ("severity", np.float64),
+        ("evidence", np.float64),
+        ("lead", np.float64),
+        ("confidence", np.float64),
+        ("since", np.int64),
+        ("best", np.float64, KIND_COUNT),
+        ("onset", np.int64, COUNT),
+        ("fitted", np.float64, COUNT),
+        ("where", np.int64, COUNT),
+    ],
+    align=True,
+)
+"""What explains a chamber best, as a record: kind by number, severity, evidence against a healthy robot, lead over the
+next kind (both logarithms of likelihood ratios), posterior of the kind, cycles since the onset; `best` evidence of each
+kind; of each candidate where it was best: cycle of the onset, severity, chamber."""
+
+
+class _Scratch(NamedTuple):
+    """What was simulated last: gauge pressures, how far each may be off, and the way that it has come."""
+
+    simulated_Pa: FloatArray
+    deviation_Pa: FloatArray
+    way_Pa: FloatArray
+
+
+@njit
+def _cost(error_Pa: float, deviation_Pa: float) -> float:
+    ratio = error_Pa / deviation_Pa
+    return min(0.5 * ratio * ratio, WORST) + math.log(deviation_Pa)
+
+
+@njit
+def _simulate(
+    gas: Gas,
+    window: Any,
+    chamber: int,
+    now: int,
+    since: int,
+    change: int,
+    value: float,
+    scratch: _Scratch,
+    noise_Pa: float,
+) -> None:
+    """Gauge pressures of the last `since` cycles up to number `now` if this were wrong with the chamber."""
+    at = (now - since) % KEPT
+    believed = window.x[at, chamber]
+    pressure, inlet, outlet, hole = believed[PRESSURE], believed[INLET], believed[OUTLET], max(believed[HOLE], 0.0)
+    lagged = window.lagged[at, chamber]
+    if change == _HOLE:
+        hole += value
+    elif change == _INLET:
+        inlet *= value
+    elif change == _OUTLET:
+        outlet *= value
+    elif change == _BOTH:
+        inlet *= value
+        outlet *= value
+    started, timing_Pa2 = pressure, 0.0
+    for n in range(since):
+        k = (now - since + 1 + n) % KEPT
+        opening, step_s = window.opening[k, chamber], window.step_s[k]
+        if change == _FORCED:
+            opening = value
+        elif change == _LAG:
+            lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
+            opening = between(opening, lagged)
+        volume, swelling = window.volume_m3[k, chamber], window.swelling[k, chamber]
+        if change == _WIDENING:
+            wide = max(pressure - gas.atmosphere_Pa, 0.0)
+            volume *= 1.0 + value * (wide + pressure)
+        after, _kept, _a, _b, _l, _flowed = next_pressure(
+            gas, chamber, pressure, window.supply[k], opening, volume, swelling, inlet, outlet, hole, step_s
+        )
+        pressure = after
+        scratch.simulated_Pa[n] = pressure - gas.atmosphere_Pa
+        scratch.way_Pa[n] = pressure - started
+        timing_Pa2 = TIMING_KEPT * timing_Pa2 + window.timing_Pa[k, chamber] ** 2
+        scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
+
+
+@njit
+def _healthy_cost(window: Any, chamber: int, now: int, since: int, noise_Pa: float) -> float:
+    """Cost of the filter's own predictions, each a step ahead, with the deviations of what is simulated.
+
+    The same deviations, so that no explanation gains by reaching back into a time when nothing was wrong.
+    """
+    total = 0.0
+    for n in range(since):
+        k = (now - n) % KEPT
+        timing_Pa = window.timing_Pa[k, chamber]
+        deviation_Pa = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa * timing_Pa)
+        total += _cost(window.innovation_Pa[k, chamber], deviation_Pa)
+    return total
+
+
+@njit
+def _sensor_cost(
+    window: Any,
+    chamber: int,
+    now: int,
+    since: int,
+    change: int,
+    value: float,
+    offset_Pa: float,
+    share: float,
+    scratch: _Scratch,
+) -> tuple[float, float]:
+    """Cost of the readings of `chamber` if its sensor showed the simulated pressure so; the fitted number.
+
+    share: deviation of the common factor by which all ways may be wrong; the factor is fitted with that as its prior.
+    """
+    simulated_Pa, deviation_Pa, way_Pa = scratch
+    scale = value if change == _SCALE else 1.0
+    fits = change in (_OFFSET, _DRIFT)
+    ww, wb, bb, wr, br = 1.0 / (share * share), 0.0, 0.0, 0.0, 0.0
+    since_s = 0.0
+    for n in range(since):
+        k = (now - since + 1 + n) % KEPT
+        since_s += window.step_s[k]
+        weight = 1.0 / (deviation_Pa[n] * deviation_Pa[n])
+        off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n]
+        way = scale * way_Pa[n]
+        ww += weight * way * way
+        wr += weight * way * off_Pa
+        if fits:
+            by = 1.0 if change == _OFFSET else since_s
+            wb += weight * way * by
+            bb += weight * by * by
+            br += weight * by * off_Pa
+    determinant = ww * bb - wb * wb
+    if fits and determinant > 0.0:
+        factor, fitted = (wr * bb - br * wb) / determinant, (ww * br - wb * wr) / determinant
+    else:
+        factor, fitted = wr / ww, value
+    factor = min(max(factor, -_MOST_SHARES * share), _MOST_SHARES * share)
+    total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(ww * share * share)
+    since_s = 0.0
+    for n in range(since):
+        k = (now - since + 1 + n) % KEPT
+        since_s += window.step_s[k]
+        seen_Pa = scale * (simulated_Pa[n] + factor * way_Pa[n]) + offset_Pa
+        if fits:
+            seen_Pa += fitted * (1.0 if change == _OFFSET else since_s)
+        total += _cost(window.reading_Pa[k, chamber] - seen_Pa, deviation_Pa[n])
+    return total, fitted
+
+
+@njit
+def _share(window: Any, chamber: int, now: int, since: int) -> float:
+    return math.hypot(SYSTEMATIC_SHARE, window.doubt[(now - since) % KEPT, chamber])
+
+
+@njit
+def _other_valves(
+    gas: Gas, window: Any, chamber: int, now: int, since: int, noise_Pa: float, scratch: _Scratch
+) -> float:
+    """Cost of a healthy chamber whose valves are a little other than its filter has learnt."""
+    offset_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
+    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    share = _share(window, chamber, now, since)
+    return _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)[0]
+
+
+@njit
+def _explained(
+    gas: Gas,
+    window: Any,
+    chamber: int,
+    now: int,
+    since: int,
+    candidates: Candidates,
+    m: int,
+    severity: float,
+    noise_Pa: float,
+    scratch: _Scratch,
+) -> tuple[float, float]:
+    """Cost of the readings if candidate m had struck `since` cycles ago, and the severity (fitted, for some)."""
+    change = candidates.change[m]
+    value = candidates.base[m] + candidates.slope[m] * severity
+    share = _share(window, chamber, now, since)
+    offset_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
+    if change < _SCALE:
+        _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
+        cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)
+        return cost, severity
+    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    cost, fitted = _sensor_cost(window, chamber, now, since, change, value, offset_Pa, share, scratch)
+    if change == _OFFSET:
+        severity = fitted / SENSOR_OFFSET_Pa
+        if not _LEAST_OFFSET < abs(severity) < _MOST_OFFSET:
+            return math.inf, 0.0
+    elif change == _DRIFT:
+        severity = fitted / SENSOR_DRIFT_Pa_s
+        if not _LEAST_DRIFT < abs(severity) < _MOST_DRIFT or since * window.step_s[now % KEPT] < _LEAST_DRIFT_S:
+            return math.inf, 0.0
+    return cost, severity
+
+
+@njit
+def _swapped(
+    gas: Gas, window: Any, chamber: int, other: int, now: int, since: int, noise_Pa: float, scratch: _Scratch
+) -> float:
+    """Cost of this chamber's readings if its sensor and the other's were exchanged, less what that explains there."""
+    share = _share(window, chamber, now, since)
+    here_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
+    there_Pa = window.x[(now - since) % KEPT, other, OFFSET]
+    _simulate(gas, window, other, now, since, -1, 0.0, scratch, noise_Pa)
+    cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, here_Pa, share, scratch)
+    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    theirs, _unused = _sensor_cost(window, other, now, since, -1, 0.0, there_Pa, share, scratch)
+    return cost + theirs - _healthy_cost(window, other, now, since, noise_Pa)
+
+
+@njit
+def name_fault(
+    gas: Gas,
+    window: Any,
+    chamber: int,
+    now: int,
+    alarm: int,
+    oldest: int,
+    noise_Pa: float,
+    candidates: Candidates,
+    afresh: bool,
+    verdict: Any,
+) -> None:
+    """Write into `verdict` what explains the chamber best at cycle `now`; the alarm was given at cycle `alarm`.
+
+    oldest: the first cycle that the window holds of this run. afresh: search coarsely over onsets and severities first;
+    otherwise go on from where the last verdict on this chamber found each kind best. Then the kinds that come near the
+    best are fitted each.
+    """
+    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT))
+    longest = min(KEPT - 2, now - oldest)
+    healthy = np.full(KEPT, math.nan)
+    best, severity = np.full(COUNT, -math.inf), np.zeros(COUNT)
+    since, where = np.zeros(COUNT, np.int64), np.full(COUNT, chamber)
+    sound = 0.0  # evidence for a healthy chamber after all
+    for o in range(ONSETS.shape[0] if afresh else 0):
+        back = now - alarm + ONSETS[o]
+        if back > longest:
+            break
+        healthy[back] = _healthy_cost(window, chamber, now, back, noise_Pa)
+        cost = _other_valves(gas, window, chamber, now, back, noise_Pa, scratch)
+        sound = max(sound, EVIDENCE * (healthy[back] - cost))
+        for m in range(COUNT):
+            if candidates.change[m] == _SWAP:
+                for towards in range(2):
+                    other = (chamber + (1 if towards == 0 else CHAMBER_COUNT - 1)) % CHAMBER_COUNT
+                    cost = _swapped(gas, window, chamber, other, now, back, noise_Pa, scratch)
+                    evidence = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+                    if evidence > best[m]:
+                        best[m], since[m], severity[m] = evidence, back, 1.0
+                        where[m] = chamber if towards == 0 else other
+                continue
+            tries = 1 if candidates.most[m] == candidates.least[m] else candidates.severity.shape[1]
+            for n in range(tries):
+                cost, fitted = _explained(
+                    gas, window, chamber, now, back, candidates, m, candidates.severity[m, n], noise_Pa, scratch
+                )
+                evidence = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+                if evidence > best[m]:
+                    best[m], since[m], severity[m] = evidence, back, fitted
+    for m in range(0 if afresh else COUNT):
+        back = now - verdict.onset[m]
+        if verdict.onset[m] == 0 or back > longest:
+            continue
+        since[m], severity[m], where[m] = back, verdict.fitted[m], verdict.where[m]
+        if math.isnan(healthy[back]):
+            healthy[back] = _healthy_cost(window, chamber, now, back, noise_Pa)
+            cost = _other_valves(gas, window, chamber, now, back, noise_Pa, scratch)
+            sound = max(sound, EVIDENCE * (healthy[back] - cost))
+        if candidates.change[m] == _SWAP:
+            other = (where[m] + 1) % CHAMBER_COUNT if where[m] == chamber else where[m]
+            cost = _swapped(gas, window, chamber, other, now, back, noise_Pa, scratch)
+        else:
+            cost, severity[m] = _explained(
+                gas, window, chamber, now, back, candidates, m, severity[m], noise_Pa, scratch
+            )
+        best[m] = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+    top = best.max()
+    for m in range(COUNT):
+        if candidates.change[m] == _SWAP or since[m] == 0 or best[m] < top - _NEAR:
+            continue
+        by, hop = (0.5, 4) if afresh else (0.12, 2)
+        for _ in range(_FITTING_ROUNDS if afresh else _FOLLOWING_ROUNDS):
+            better = False
+            for n in range(4):
+                back, value = since[m], severity[m]
+                if n < 2:
+                    if candidates.most[m] == candidates.least[m]:
+                        continue
+                    # moved by a share of what is left of a path, or of what there is of the rest
+                    left = 1.0 - value if candidates.slope[m] == -1.0 else value
+                    left = (left + 0.02) * (1.0 + by) - 0.02 if n == 0 else (left + 0.02) / (1.0 + by) - 0.02
+                    value = 1.0 - left if candidates.slope[m] == -1.0 else left
+                    value = min(max(value, candidates.least[m]), candidates.most[m])
+                else:
+                    back += hop if n == 2 else -hop
+                    if back > longest or back < now - alarm + 1:
+                        continue
+                if math.isnan(healthy[back]):
+                    healthy[back] = _healthy_cost(window, chamber, now, back, noise_Pa)
+                cost, fitted = _explained(gas, window, chamber, now, back, candidates, m, value, noise_Pa, scratch)
+                evidence = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+                if evidence > best[m]:
+                    best[m], since[m], severity[m], better = evidence, back, fitted, True
+            if not better:
+                if hop == 1 and by < 0.1:
+                    break
+                by, hop = 0.5 * by, max(hop // 2, 1)
+    verdict.kind, verdict.evidence, verdict.lead, verdict.confidence = 0, 0.0, 0.0, 0.0
+    first = 0
+    for m in range(COUNT):
+        verdict.best[candidates.kind[m]] = best[m]
+        verdict.onset[m] = now - since[m] if since[m] > 0 else 0
+        verdict.fitted[m], verdict.where[m] = severity[m], where[m]
+        if best[m] > best[first]:
+            first = m
+    if best[first] <= sound:
+        return
+    second, total = sound, math.exp(max(sound - best[first], -700.0))
+    for m in range(COUNT):
+        total += math.exp(max(best[m] - best[first], -700.0))
+        if m != first:
+            second = max(second, best[m])
+    verdict.candidate = first
+    verdict.kind, verdict.evidence, verdict.lead = candidates.kind[first], best[first] - sound, best[first] - second
+    verdict.chamber, verdict.severity, verdict.since = where[first], abs(severity[first]), since[first]
+    verdict.confidence = 1.0 / total
+
+
+_LEAST_OFFSET, _MOST_OFFSET = 0.08, 1.3
+_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.25, 1.5, 0.3
+"""Severities of what is fitted to the readings, and how long a drift has to be watched."""
+_NEAR, _FITTING_ROUNDS, _FOLLOWING_ROUNDS = 80.0, 12, 3
+"""Evidence behind the best within which a kind is fitted, and how often its severity and onset are moved, at first and
+later on."""
