@@ -10,7 +10,7 @@ Four things stand side by side, each of them compiled, over records:
   verdict is given when the best explanation beats a healthy chamber by `evidence` and every other kind by `lead`, or
   when patience ends. Without such an explanation the suspicion is dropped, and the filter learns on.
 - Faults that no gas can make are told by the readings alone: one that repeats to the last bit, one below vacuum, one
-  that jumps to and fro.
+  that jumps to and fro, one that is above zero though the exhaust has long been open.
 - What the chambers share (supply, inertial unit) has tests of its own, and names no chamber.
 
 Judgement is held while readings are late or missing: over an interval that is not the control period the model is
@@ -62,7 +62,7 @@ _HELD_CYCLES = 4  # after a lost sampling, while the valves' lag is made up
 _SECOND_DIFFERENCE = 6.0  # variance of x(k) − 2 x(k−1) + x(k−2) over that of white x
 _BELOW_VACUUM_Pa = -6e3  # gauge: what no sound sensor of a robot in air reads
 _SENSOR_STUCK, _SENSOR_NOISE = KIND_CODES[FaultKind.SENSOR_STUCK], KIND_CODES[FaultKind.SENSOR_NOISE]
-_SENSOR_DROPOUT = KIND_CODES[FaultKind.SENSOR_DROPOUT]
+_SENSOR_DROPOUT, _SENSOR_DRIFT = KIND_CODES[FaultKind.SENSOR_DROPOUT], KIND_CODES[FaultKind.SENSOR_DRIFT]
 _LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
 _SUPPLY_SAG, _SUPPLY_LOSS = KIND_CODES[FaultKind.SUPPLY_SAG], KIND_CODES[FaultKind.SUPPLY_LOSS]
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
@@ -70,6 +70,8 @@ _LEARNS_BELOW, _TRUSTS_BELOW = 6.0, 3.0  # of the CUSUM: what may be a fault is 
 _TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
 _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 60.0, 0.05  # … of a chamber seen filling for less than so many cycles
+_COST_OF_COMPANY = 30.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
+_VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 2.2e3, 0.05  # cycles after which a chamber with an open exhaust reads zero
 _LEAST_NOISE_Pa = 100.0
 _BUS_RESOLUTION_Pa = 100.0  # of a pressure, as the bus tells it
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
@@ -100,7 +102,7 @@ class DetectorTuning:
     """How long after the suspicion a name is looked at again, and the lead by which another one takes its place."""
     repeats: int = 8
     """Equal readings in a row that make a sensor stuck."""
-    below: int = 4
+    below: int = 6
     """Readings in a row below vacuum that make a broken wire."""
     noise_allowance: float = 4.0
     noise_at: float = 100.0
@@ -167,6 +169,8 @@ DETECTOR = np.dtype(
         ("varied", np.int64, CHAMBER_COUNT),
         ("below", np.int64, CHAMBER_COUNT),
         ("noise", np.float64, CHAMBER_COUNT),
+        ("vented", np.int64, CHAMBER_COUNT),
+        ("vented_Pa", np.float64, CHAMBER_COUNT),
         ("last_imu", np.float64, 6),
         ("imu_repeats", np.int64),
         ("imu_varied", np.int64),
@@ -462,8 +466,12 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
     own.noise[c] = max(0.0, own.noise[c] + min(wild, parts.noise_wildest) - parts.noise_allowance)
     if own.noise[c] > parts.noise_at:
         return _SENSOR_NOISE
-    if own.below[c] >= parts.below and own.noise[c] < 0.75 * parts.noise_at:
+    if own.below[c] >= parts.below and own.noise[c] < 0.6 * parts.noise_at:
         return _SENSOR_DROPOUT
+    own.vented[c] = own.vented[c] + 1 if own.lagged[c] < -0.95 else 0
+    own.vented_Pa[c] += (shown_Pa - own.vented_Pa[c]) * (_VENTED_SHARE if own.vented[c] > 0 else 1.0)
+    if own.vented[c] > _VENTED and own.vented_Pa[c] > _DRIFTED_Pa and own.alarm[c] < 0:
+        return _SENSOR_DRIFT
     return 0
 
 
@@ -493,6 +501,9 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     )
     doubt = memory.window[0].doubt[own.cycle % KEPT, c]
     asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP)
+    for other in range(CHAMBER_COUNT):
+        if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
+            asked += _COST_OF_COMPANY
     if verdict.kind == 0 or verdict.evidence < parts.evidence + asked:
         return
     if verdict.lead < parts.lead and waited < parts.patience:

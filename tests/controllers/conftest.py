@@ -102,7 +102,11 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="session")
 def closed_loop(robot: Robot) -> Callable[..., LoopRun]:
-    """`closed_loop(duration_s, orders, faults, seed, **config)` → LoopRun."""
+    """`closed_loop(duration_s, orders, faults, seed, **config)` → LoopRun.
+
+    real: the robot that is there, where it is not the one that is believed in; heard: whether the sequencer hears the
+    readings of a cycle.
+    """
 
     def run(
         duration_s: float,
@@ -113,10 +117,12 @@ def closed_loop(robot: Robot) -> Callable[..., LoopRun]:
         faults: tuple[Fault, ...] = (),
         seed: int = 0,
         orders: tuple[tuple[float, Order], ...] = (),
+        real: Robot = robot,
+        heard: Callable[[int], bool] = lambda cycle: True,
         **config: Any,
     ) -> LoopRun:
         twin = IdealRoller(robot.radius_m)
-        plant = Plant(robot, twin, faults, 9.81, seed)
+        plant = Plant(real, twin, faults, 9.81, seed)
         gains = PressureLoopGains(proportional_1_s=20.0, integral_1_s2=20.0, sample_s=CYCLE_S, model_lag_s=0.03)
         valves = PressureLoop(gains, robot.pneumatics, 62e-6)
         sequencer = Sequencer(SequencerConfig.of(robot, **config))
@@ -124,13 +130,17 @@ def closed_loop(robot: Robot) -> Callable[..., LoopRun]:
         pending = list(orders)
         is_armed = False
         result = LoopRun()
+        output = None
         for cycle in range(round(duration_s / CYCLE_S)):
             t_s = cycle * CYCLE_S
             while pending and pending[0][0] <= t_s:
                 sequencer.order(pending.pop(0)[1], t_s)
             readings = plant.read_sensors()
             sequencer.armed(is_armed)
-            output = sequencer.update(t_s, readings)
+            if output is None or heard(cycle):
+                output = sequencer.update(t_s, readings)
+                result.detections += output.detections
+                result.recoveries += output.recoveries
             is_armed = output.wants_armed
             if is_armed:
                 opening = valves.step(output.setpoint_Pa, readings.pressure_Pa, readings.supply_Pa)
@@ -145,8 +155,6 @@ def closed_loop(robot: Robot) -> Callable[..., LoopRun]:
             result.pressure_Pa.append(plant.pressure_Pa.copy())
             curvature = plant.motion.curvature_1_m
             result.bend_direction_rad.append(math.atan2(curvature[1], curvature[0]))
-            result.detections += output.detections
-            result.recoveries += output.recoveries
         return result
 
     return run

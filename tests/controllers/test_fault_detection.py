@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from controllers.fault_detection import FaultDetector
 from controllers.interface import Command
-from softbot.faults import Fault
+from softbot.faults import NO_CHAMBER, Fault
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import Readings, SensorParameters
 
@@ -19,6 +20,31 @@ def test_a_healthy_robot_raises_no_alarm(closed_loop, speed_rev_s, seed):
     run = closed_loop(15.0, speed_rev_s=speed_rev_s, seed=seed)
     assert run.detections == []
     assert abs(run.turned(5.0, 15.0)) > 0.5  # and it did roll
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_robot_with_other_valves_than_its_file_says_is_healthy(closed_loop, robot, seed):
+    random = np.random.default_rng(seed)
+    nominal = robot.pneumatics
+    other = {
+        name: tuple(random.uniform(0.8, 1.2, 4) * getattr(nominal, name))
+        for name in ("supply_valve_conductance_m3_s_Pa", "exhaust_valve_conductance_m3_s_Pa")
+    }
+    real = robot.model_copy(update={"pneumatics": replace(nominal, **other)})
+    run = closed_loop(15.0, speed_rev_s=0.4, seed=seed, real=real)
+    assert run.detections == []
+    assert abs(run.turned(5.0, 15.0)) > 0.5
+
+
+@pytest.mark.parametrize(("share", "longest"), [(0.1, 1), (0.02, 20)])
+def test_samplings_that_are_lost_or_late_are_no_fault(closed_loop, share, longest):
+    random = np.random.default_rng(5)
+    silent = np.zeros(1500, dtype=bool)
+    for start in np.flatnonzero(random.random(1500) < share):
+        silent[start : start + random.integers(1, longest + 1)] = True
+    run = closed_loop(15.0, speed_rev_s=0.4, heard=lambda cycle: not silent[cycle])
+    assert run.detections == []
+    assert 0.05 < silent.mean() < 0.3
 
 
 @pytest.mark.parametrize("chamber", [0, 1, 2, 3])
@@ -41,15 +67,26 @@ def test_a_rupture_is_found_and_named(closed_loop, chamber, t_s):
         ("sensor_offset", 1.0, {"sensor_offset"}),
         ("sensor_offset", 0.5, {"sensor_offset"}),
         ("sensor_stuck", 1.0, {"sensor_stuck"}),
+        ("leak", 0.25, {"leak"}),
+        ("kinked_line", 0.8, {"kinked_line", "blocked_inlet", "blocked_exhaust"}),
+        ("blocked_exhaust", 0.8, {"blocked_exhaust", "kinked_line"}),
+        ("sensor_noise", 0.5, {"sensor_noise"}),
+        ("sensor_dropout", 1.0, {"sensor_dropout"}),
+        ("lines_swapped", 1.0, {"lines_swapped"}),
     ],
 )
 def test_the_other_kinds_are_found_on_the_right_chamber(closed_loop, kind, severity, names):
     """A blocked inlet and a valve stuck shut look the same while the chamber is empty; both names are right then."""
     run = closed_loop(9.0, faults=(Fault(5.3, 1, kind, severity),), seed=7, command=Command.RIGHT)
     assert run.detections
-    first = run.detections[0]
-    assert first.chamber == 1
-    assert first.kind in names
+    last = [found for found in run.detections if found.chamber == 1][-1]
+    assert last.kind in names
+
+
+@pytest.mark.parametrize(("kind", "severity"), [("supply_sag", 0.5), ("imu_stuck", 1.0), ("imu_dropout", 1.0)])
+def test_what_the_chambers_share_names_no_chamber(closed_loop, kind, severity):
+    run = closed_loop(8.0, faults=(Fault(5.3, None, kind, severity),), seed=7)
+    assert [(found.chamber, found.kind) for found in run.detections] == [(NO_CHAMBER, kind)]
 
 
 def readings(t_s, pressure_Pa, opening=0.0) -> Readings:
