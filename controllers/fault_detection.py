@@ -69,9 +69,9 @@ _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind
 _LEARNS_BELOW, _TRUSTS_BELOW = 6.0, 3.0  # of the CUSUM: what may be a fault is not to be learnt as a valve's nature
 _TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
 _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
-_COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 60.0, 0.05  # … of a chamber seen filling for less than so many cycles
+_COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_COMPANY = 30.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
-_VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 2.2e3, 0.05  # cycles after which a chamber with an open exhaust reads zero
+_VENTED, _DRIFTED_Pa, _VENTED_SHARE = 110, 2.2e3, 0.05  # cycles after which a chamber with an open exhaust reads zero
 _LEAST_NOISE_Pa = 100.0
 _BUS_RESOLUTION_Pa = 100.0  # of a pressure, as the bus tells it
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
@@ -91,7 +91,7 @@ class DetectorTuning:
     """Of the samplings."""
     allowance: float = 1.0
     alarm_at: float = 12.0
-    evidence: float = 16.0
+    evidence: float = 24.0
     lead: float = 3.0
     look_every: int = 4
     confirm: int = 2

@@ -78,7 +78,7 @@ class Candidates(NamedTuple):
 
 def _candidates() -> Candidates:
     rows = (
-        (FaultKind.LEAK, _HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.04, 1.6, -1.0),
+        (FaultKind.LEAK, _HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.05, 1.6, -6.0),
         (FaultKind.RUPTURE, _HOLE, 0.0, RUPTURE_CONDUCTANCE_RATIO, (0.22, 0.35, 0.6, 1.0), 0.18, 1.0, -1.0),
         (FaultKind.BLOCKED_INLET, _INLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
         (FaultKind.BLOCKED_EXHAUST, _OUTLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from softbot.campaign.campaign import Draws
+from softbot.campaign.campaign import Draws, load_campaign
 from softbot.errors import InputError
 
 Make = Callable[..., Draws]
+SHIPPED = sorted((Path(__file__).parents[2] / "campaigns").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_campaign_draws_runs(path: Path) -> None:
+    draws = load_campaign(path)
+    kinds = {fault.kind for n in range(40) for fault in draws.run(n).scene.fault}
+    assert draws.campaign.name == path.stem
+    assert (len(kinds) == 0) == (path.stem == "healthy")
 
 
 def test_a_run_follows_from_its_number_alone(make_draws: Make) -> None:
