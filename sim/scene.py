@@ -42,7 +42,10 @@ def steps_per_period(step_s: float) -> int:
 
 
 def sample_period_s(step_s: float) -> float:
-    """Time between samples of the telemetry [s]: the control period, or the step where that is longer."""
+    """Time that a twin is played for at once [s]: the control period, or the step where that is longer.
+
+    The telemetry has a sample each; in longer steps as many as there are control periods, where the twin fills them in.
+    """
     return max(CONTROL_PERIOD_S, step_s)
 
 
