@@ -19,7 +19,7 @@ import numpy as np
 from calib.bend_table import BendTable, FloatArray
 from calib.calibration import DAMPING_TIME_S, DENSITY_KG_M3, Estimate, numbers_provenance, rounded, rounded_up
 from calib.fit import Geometry
-from calib.identifiability import directions, sentences
+from calib.identifiability import Direction, directions, sentences
 from calib.recording import Trial, trials_of
 from calib.series_choice import Choice, LeftOut, choose_series, scaled_error
 from calib.series_fit import SeriesFit, relative_error, trial_weights
@@ -33,6 +33,7 @@ _ASSUMED_LENGTH_M = 0.15
 _ASSUMED_SLENDERNESS = 15.0
 _PRESSURE_RESERVE = 1.1
 _NOISE_DRAWS = 12
+_NEXT = 3  # directions that the advice is about
 GRID_ERROR = 0.012
 """Of a logarithm: by so much parameters of robots that are recorded without noise come out wrong."""
 
@@ -41,11 +42,11 @@ PLAIN = {
     "venting_time": "the line's venting time",
     "growth": "the chamber's growth",
     "hysteresis_share": "the size of the hysteresis",
-    "hysteresis_width": "its width",
+    "hysteresis_width": "the width of the hysteresis",
     "creep_share": "the size of the creep",
     "creep_time": "the creep's time",
     "residual_share": "the size of the residual strain",
-    "residual_time": "its time",
+    "residual_time": "the time of the residual strain",
     "modulus": "the modulus",
     "limit": "the limit of the stretch",
     "gain": "the chambers' gains",
@@ -96,6 +97,8 @@ class SeriesCalibration:
     assumptions: tuple[str, ...]
     warnings: tuple[str, ...]
     mass_kg: float | None
+    measure_next: tuple[str, ...] = ()
+    """What to record next, in words, the most telling first."""
 
     @property
     def fit(self) -> SeriesFit:
@@ -205,6 +208,7 @@ class SeriesCalibration:
             ],
             "assumptions": list(self.assumptions),
             "warnings": list(self.warnings),
+            "measure_next": [{"words": words} for words in self.measure_next],
         }
 
     def _provenance(self) -> dict[str, str]:
@@ -254,7 +258,7 @@ def calibrate_recording(
     else:
         assumptions.append(f"mass from a density of {DENSITY_KG_M3:g} kg/m3 and the wall's area")
     return SeriesCalibration(
-        table, tuple(trials), choice, parameters, tuple(assumptions), tuple(warnings), geometry.mass_kg
+        table, tuple(trials), choice, parameters, tuple(assumptions), tuple(warnings), geometry.mass_kg, _next(found)
     )
 
 
@@ -365,6 +369,17 @@ def autocorrelation_time(residual: FloatArray) -> float:
     return float(min(max(1.0 + 2.0 * np.sum(correlation[1:last]), 1.0), n / 4.0))
 
 
+def _next(found: Sequence[Direction]) -> tuple[str, ...]:
+    """What to record for the directions that are known worst."""
+    words: dict[str, list[str]] = {}
+    for one in sorted(found, key=lambda direction: -direction.standard_deviation)[:_NEXT]:
+        name = one.names[0]
+        told = words.setdefault(REMEDY[name], [])
+        if PLAIN[name] not in told:
+            told.append(PLAIN[name])
+    return tuple(f"{remedy} (for {' and '.join(told)})" for remedy, told in words.items())
+
+
 def _band(left_out: Sequence[LeftOut]) -> float:
     return 1.96 * math.sqrt(float(np.mean([one.rms**2 for one in left_out])))
 
@@ -412,7 +427,8 @@ def _estimate(theta: float, variance: float, low: float, high: float, scale: flo
     value = scale * math.exp(theta)
     if at_bound or not half < math.log(10.0):
         return Estimate(value, scale * math.exp(min(low, theta)), scale * math.exp(max(high, theta)), unit, False)
-    return Estimate(value, scale * math.exp(theta - half), scale * math.exp(theta + half), unit, True)
+    least, most = max(theta - half, low), min(theta + half, high)
+    return Estimate(value, scale * math.exp(least), scale * math.exp(most), unit, True)
 
 
 def _warnings(trials: Sequence[Trial], choice: Choice) -> list[str]:

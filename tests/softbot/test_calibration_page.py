@@ -40,7 +40,14 @@ def test_page_of_holds_says_what_was_found(holds: Calibration) -> None:
 
 def test_page_of_a_recording_shows_steps_releases_and_loops(recording: SeriesCalibration) -> None:
     page = render_calibration(recording)
-    for words in ("One trial is followed to", "memory: hysteresis", "loop over the sensor", "residual", "apr4_4"):
+    for words in (
+        "What to measure next",
+        "One trial is followed to",
+        "memory: hysteresis",
+        "loop over the sensor",
+        "residual",
+        "apr4_4",
+    ):
         assert words in page
     assert len(trials_of(recording.table)[0]) == 1
 
