@@ -148,6 +148,7 @@ class Calibration:
         law = model.law(theta)
         length_m, section = model.geometry(theta)
         mass_kg = self.mass_kg or DENSITY_KG_M3 * section.wall_area_m2 * length_m
+        turned = any(section.misalignment_rad)
         actuator = {
             "law": law.material,
             "modulus_Pa": rounded(law.modulus_Pa),
@@ -156,6 +157,7 @@ class Calibration:
             "chamber_area_m2": rounded(section.chamber_area_m2),
             "chamber_centroid_radius_m": rounded(section.chamber_centroid_radius_m),
             "gains": [rounded(gain) for gain in law.gains],
+            **({"misalignment_rad": [rounded(angle) for angle in section.misalignment_rad]} if turned else {}),
             "dead_band_Pa": rounded(law.dead_band_Pa),
             "max_pressure_Pa": rounded_up(_PRESSURE_RESERVE * model.largest_pressure_Pa),
         }

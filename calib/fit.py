@@ -7,7 +7,8 @@ What is free follows from what the table holds:
 - with lengths, the length at rest, unless given, and one more of the section: the radius with the default proportions
   (the ratio of bend to stretch fixes it), or, where the radius is given, the chambers' centroid radius;
 - without lengths, the radius, unless given, may be free as far as softening shows it;
-- a dead band, where at least four pressures were measured.
+- a dead band, where at least four pressures were measured;
+- the chambers' angles, where bends lie more than 3° off their directions.
 
 Among wall materials, with and without dead band (and free radius), the simplest model is taken whose leave-one-out
 error is within 10 % of the least: a residual always falls with more coordinates, a prediction does not.
@@ -29,7 +30,7 @@ from calib.calibration import DENSITY_KG_M3, Calibration, Candidate, Errors, Est
 from calib.design import NextRow, next_rows, telling_row
 from calib.identifiability import directions, sentences
 from calib.model import ActuatorModel
-from calib.plausibility import ATMOSPHERE_PA, check_response, looks_absolute
+from calib.plausibility import ATMOSPHERE_PA, check_response, looks_absolute, off_angle_rad
 from calib.release import Release, fit_release
 from calib.repeats import RepeatError, joined, repeat_error, repeat_groups
 from calib.robust_fit import Fit, LeaveOneOut, Observations, bend_vectors, fit_model, leave_one_out, observations
@@ -52,7 +53,9 @@ _IN_REACH = 1.6  # a model whose leverages promise this much more error is not l
 _WORTH = 1.1  # a simpler model may have this much more leave-one-out error
 _MOST_ROWS = 150  # more are averaged where their pressures are close
 _MOST_CHECKED = 5000  # rows that the residuals of a long table are computed on
-_UNITS = {"Pa": "Pa", "m": "m"}
+_DEAD_BAND_SCALE = 0.15  # of the largest pressure: as much of a dead band as a factor of e of the others
+_UNITS = {"Pa": "Pa", "m": "m", "rad": "rad"}
+_OFF_ANGLE_RAD = math.radians(3.0)  # of a chamber's bends from where they belong: more is worth a parameter
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ def calibrate_table(table: BendTable, geometry: Geometry | None = None, law: str
     if release is not None:
         others = [fit_release(one, table, rows) for one in equals]
         parameters |= _widened(_released(release), [_released(one) for one in others if one is not None])
-    warnings += _warnings(table, loading, fit, errors, parameters, rows)
+    warnings += _warnings(table, loading, fit, errors, parameters, rows, equals)
     ranked = sorted(tried, key=lambda one: (one[0] is not fit, one[1].score))
     return Calibration(
         table=table,
@@ -192,6 +195,8 @@ def _models(table: BendTable, geometry: Geometry, law: str, rows: Observations) 
             free.discard(name)
             needed -= 1
     options: list[tuple[str, ...]] = [("dead_band",)] if _levels(table) >= LEVELS_FOR_DEAD_BAND else []
+    if off_angle_rad(table) > _OFF_ANGLE_RAD:
+        options.append(("turn",))
     if not table.has_length and geometry.radius_m is None:
         options.append(("radius",))
     models = []
@@ -406,6 +411,9 @@ def _parameters(fit: Fit, quantile: float) -> dict[str, Estimate]:
         if name == "dead_band_Pa":
             low, high = max(middle - half, at_low[name]), min(middle + half, at_high[name])
             identified = not blind and half < 0.5 * model.largest_pressure_Pa
+        elif name.startswith("misalignment_"):
+            identified = not blind and half < math.radians(20.0)
+            low, high = middle - half, middle + half
         else:
             identified = not blind and half < math.log(10.0) * middle
             low, high = (middle * math.exp(s * half / middle) for s in (-1.0, 1.0)) if identified else (0.0, 0.0)
@@ -465,6 +473,7 @@ _PLAIN = {
     "radius": "the radius",
     "centroid": "the arm of the chambers",
     "gain": "the gains",
+    "turn": "the chambers' angles",
     "dead_band": "the dead band",
     "length": "the length at rest",
 }
@@ -492,6 +501,7 @@ def _warnings(
     errors: Errors,
     parameters: dict[str, Estimate],
     rows: Observations,
+    equals: list[Fit],
 ) -> list[str]:
     found = []
     if fit.degrees_of_freedom < 3:
@@ -504,9 +514,7 @@ def _warnings(
         remedies = dict.fromkeys(_REMEDY.get(name, "pressurise each chamber alone") for name in blind)
         found.append(f"this table cannot tell {' from '.join(blind)}: {'; '.join(remedies)}")
     else:
-        remedy = dict(_COORDINATE_REMEDY)
-        remedy["dead_band"] = f"add points under {_lowest_driven_Pa(loading) / 1e3:.3g} kPa"
-        found += sentences(directions(fit.model.coordinates, fit.information), _PLAIN, remedy)
+        found += _vague(loading, [fit, *equals])
     ratio = parameters.get("chamber_centroid_radius_m")
     if ratio is not None:
         share = ratio.value / fit.model.radius_m
@@ -541,6 +549,18 @@ def _warnings(
             )
         )
     return found
+
+
+def _vague(table: BendTable, fits: list[Fit]) -> list[str]:
+    """What the table leaves open, in words: of the chosen fit, and of those that predict as well with more free."""
+    remedy = dict(_COORDINATE_REMEDY)
+    remedy["dead_band"] = f"add points under {_lowest_driven_Pa(table) / 1e3:.3g} kPa"
+    found: list[str] = []
+    for fit in fits:
+        names = fit.model.coordinates
+        scale = np.array([_DEAD_BAND_SCALE if name == "dead_band" else 1.0 for name in names])
+        found += sentences(directions(names, fit.information * np.outer(scale, scale)), _PLAIN, remedy)
+    return list(dict.fromkeys(found))
 
 
 def _lack_of_fit_words(table: BendTable, errors: Errors) -> list[str]:
@@ -620,6 +640,7 @@ def _assumptions(table: BendTable, model: ActuatorModel, geometry: Geometry) -> 
 
 def _name(model: ActuatorModel, has_length: bool) -> str:
     parts = ["dead band"] if "dead_band" in model.free else []
+    parts += ["misalignment"] if "turn" in model.free else []
     if "radius" in model.free and not has_length:  # with lengths it is free in every model
         parts.append("free radius")
     return " + ".join([model.material, *parts])

@@ -11,7 +11,7 @@ With the strains e = (ℓ, k1, k2) at rest under B p, K = ∂F/∂e (see `softbo
     ∂e/∂ln E = −K⁻¹ B p     (stiffening in proportion)        ∂e/∂g_i, ∂e/∂dead band = K⁻¹ ∂(B p)
     ∂(ℓ, k)/∂ln R = (0, −k)  (proportions of the section kept)
 
-The remaining ones (stiffening, limit of the stretch, centroid radius) are differences.
+The remaining ones (stiffening, limit of the stretch, centroid radius, misalignment) are differences.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     ),  # over the length at the start; a robot's is below half its length
     "centroid": (math.log(0.15), math.log(0.9)),  # over the radius
     "gain": (math.log(0.05), math.log(20.0)),  # over the first group's
+    "turn": (-0.5, 0.5),  # [rad]
     "dead_band": (0.0, 0.9),  # over the largest pressure
     "length": (math.log(0.3), math.log(3.0)),  # over the length at the start
 }
@@ -78,7 +79,7 @@ class ActuatorModel:
     """Outer radius: fixed, or the start of the fit."""
     largest_pressure_Pa: float
     free: frozenset[str]
-    """Of "radius", "centroid", "dead_band", "length"; modulus, stiffening and gains follow from the rest."""
+    """Of "radius", "centroid", "turn", "dead_band", "length"; modulus, stiffening and gains follow from the rest."""
 
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -89,6 +90,7 @@ class ActuatorModel:
             *(["limit"] if self.material == "gent" else []),
             *(name for name in ("radius", "centroid") if name in self.free),
             *["gain"] * (len(self.groups) - 1),
+            *["turn"] * (len(self.groups) if "turn" in self.free else 0),
             *(name for name in ("dead_band", "length") if name in self.free),
         )
 
@@ -109,6 +111,7 @@ class ActuatorModel:
             "radius": math.log(self.radius_m),
             "centroid": math.log(DEFAULT_CENTROID_RATIO),
             "gain": 0.0,
+            "turn": 0.0,
             "dead_band": dead_band_Pa / self.largest_pressure_Pa,
             "length": math.log(self.length_m),
         }
@@ -131,6 +134,9 @@ class ActuatorModel:
         if len(self.groups) > 1:
             gains = self._gains(theta)
             found |= {f"gain_{i}": gains[i] for group in self.groups for i in group}
+        if "turn" in self.free:
+            turns = self._turns(theta)
+            found |= {f"misalignment_{i}_rad": turns[i] for group in self.groups for i in group}
         if "dead_band" in self.free:
             found["dead_band_Pa"] = self._dead_band_Pa(theta)
         if "length" in self.free:
@@ -146,6 +152,7 @@ class ActuatorModel:
             radius_m=radius_m,
             chamber_area_m2=DEFAULT_CHAMBER_AREA_RATIO * math.pi * radius_m**2,
             chamber_centroid_radius_m=ratio * radius_m,
+            misalignment_rad=self._turns(theta),
         )
 
     def law(self, theta: FloatArray) -> ActuatorLaw:
@@ -193,7 +200,7 @@ class ActuatorModel:
         for n, name in enumerate(names):
             if name == "radius":
                 by[:, 1:, n] = -strain[:, 1:]
-            elif name in ("stiffening", "limit", "centroid"):
+            elif name in ("stiffening", "limit", "centroid", "turn"):
                 moved = theta.copy()
                 moved[n] += _DIFFERENCE
                 by[:, :, n] = (self.law(moved).equilibria(pressure_Pa, strain)[0] - strain) / _DIFFERENCE
@@ -208,6 +215,16 @@ class ActuatorModel:
 
     def _shift(self, name: str) -> float:
         return math.log(self.length_m) if name in ("radius", "length") else 0.0
+
+    def _turns(self, theta: FloatArray) -> tuple[float, float, float, float]:
+        """By how much each chamber lies off its nominal angle [rad]."""
+        turns = [0.0] * CHAMBERS
+        if "turn" in self.free:
+            first = self.coordinates.index("turn")
+            for n, group in enumerate(self.groups):
+                for i in group:
+                    turns[i] = float(theta[first + n])
+        return (turns[0], turns[1], turns[2], turns[3])
 
     def _dead_band_Pa(self, theta: FloatArray) -> float:
         return self._at(theta, "dead_band") * self.largest_pressure_Pa if "dead_band" in self.free else 0.0

@@ -240,6 +240,19 @@ def _check_one_unit(table: BendTable) -> None:
         )
 
 
+def off_angle_rad(table: BendTable) -> float:
+    """By how much the bends of one chamber, the worst, lie off the direction that is its own, on average [rad]."""
+    worst = 0.0
+    for i, angle in enumerate(CHAMBER_ANGLES_RAD):
+        others = np.delete(table.pressure_Pa, i, axis=1)
+        alone = np.isfinite(table.direction_rad) & (table.pressure_Pa[:, i] > 3.0 * np.max(others, axis=1))
+        alone &= table.bend_rad > 0.2 * np.max(table.bend_rad)
+        if np.any(alone):
+            off = np.exp(1j * (table.direction_rad[alone] - angle - math.pi))
+            worst = max(worst, abs(float(np.angle(np.sum(table.bend_rad[alone] * off)))))
+    return worst
+
+
 def rank_correlation(one: np.ndarray, other: np.ndarray) -> float:
     """Spearman's, without a correction for ties; 0 where one does not change."""
     ranks = [np.unique(values, return_inverse=True)[1].astype(float) for values in (one, other)]
@@ -288,5 +301,7 @@ def check_response(table: BendTable) -> list[str]:
         how = "are mirrored against" if abs(mirrored) > 0.7 else "do not follow"
         raise InputError(f"{table.source}: the bend directions {how} the chambers: {convention}")
     if abs(offset_deg) > 5.0:
-        return [f"the bend directions are turned by {offset_deg:.1f}° against the chambers; the law knows no such turn"]
+        return [
+            f"the bend directions are turned by {offset_deg:.1f}° against the chambers: are these askew, or the camera?"
+        ]
     return []

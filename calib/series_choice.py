@@ -29,8 +29,8 @@ USUAL = 1
 """Place in LADDER of what a robot of silicone and lines has."""
 MOST_FOLDS = 4
 WORTH = 1.05
-_REFIT = 8  # evaluations of a fit that starts from the joint one
-_FIRST, _NEXT = 60, 30  # evaluations of the first candidate's fits, and of the others', which start from it
+_REFIT = 6  # evaluations of a fit that starts from the joint one
+_FIRST, _NEXT = 40, 20  # evaluations of the first candidate's fits, and of the others', which start from it
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from sim.scene import CONTROL_PERIOD_S, Scene, sample_period_s, steps_per_period
 from sim.trajectory import motion_row
 from sim.twins import make_twin, world_of
 from softbot.errors import InputError, SimulationError
-from softbot.plant_conditions import PlantConditions
+from softbot.faults import FaultTimeline
 from softbot.sensing import Readings
 
 FloatArray = NDArray[np.float64]
@@ -185,14 +185,14 @@ class _Given:
     def __init__(self, scene: Scene, twin: Twin, recorder: Recorder) -> None:
         self._scene, self._recorder = scene, recorder
         self._step_s, self._sample_s = twin.step_s, recorder.sample_s
-        self._conditions = PlantConditions(scene.fault)
+        self._timeline = FaultTimeline(scene.fault)
         # a fault acts in the step at whose end it is due
-        self._strikes = [max(0, math.ceil(fault.t_s / self._step_s - 1e-9) - 1) for fault in self._conditions.faults]
+        self._strikes = [max(0, math.ceil(fault.t_s / self._step_s - 1e-9) - 1) for fault in self._timeline.faults]
         self._size_1_m = bend_1_m(scene.drive, scene.robot)
         self.numbers = self._numbers()
 
     def _numbers(self) -> FloatArray:
-        robot, lost = self._scene.robot, lost_shares(self._conditions.active)
+        robot, lost = self._scene.robot, lost_shares(self._timeline.active)
         muscle = robot.actuation == "muscle"
         return drive_array(
             self._scene.drive,
@@ -204,13 +204,13 @@ class _Given:
 
     def strike(self, step: int) -> int | None:
         """Let the faults due in this step strike; steps from here to the next one, None if there is none."""
-        active = len(self._conditions.active)
+        active = len(self._timeline.active)
         if active < len(self._strikes) and self._strikes[active] <= step:
-            until = self._conditions.faults[active].t_s
+            until = self._timeline.faults[active].t_s
             while active < len(self._strikes) and self._strikes[active] <= step:
-                until = self._conditions.faults[active].t_s
+                until = self._timeline.faults[active].t_s
                 active += 1
-            self._recorder.note_faults(self._conditions.advance(until))
+            self._recorder.note_faults(self._timeline.note(until))
             self.numbers = self._numbers()
         return self._strikes[active] - step if active < len(self._strikes) else None
 

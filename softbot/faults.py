@@ -44,6 +44,7 @@ Imports numpy only, so that reading a scene stays quick.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import ClassVar
@@ -196,6 +197,31 @@ class Fault:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+class FaultTimeline:
+    """Faults by the time at which they strike, and how many of them have; given in any order."""
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        # sorted() is stable: faults of one time keep the order in which they were given.
+        self.faults: tuple[Fault, ...] = tuple(sorted(faults, key=lambda fault: fault.t_s))
+        self._struck = 0
+        self._t_s = -math.inf
+
+    def note(self, t_s: float) -> tuple[Fault, ...]:
+        """The faults that are new at `t_s` [s]. Raises InputError when time runs backwards."""
+        if not t_s >= self._t_s:
+            raise InputError(f"t_s = {t_s!r}: time must not run backwards (it was {self._t_s!r})")
+        self._t_s = t_s
+        first = self._struck
+        while self._struck < len(self.faults) and self.faults[self._struck].t_s <= t_s:
+            self._struck += 1
+        return self.faults[first : self._struck]
+
+    @property
+    def active(self) -> tuple[Fault, ...]:
+        """The faults that have struck, earliest first."""
+        return self.faults[: self._struck]
 
 
 # Places in `PneumaticConditions.packed`, for the kernels: four chambers each, then two numbers for the supply.

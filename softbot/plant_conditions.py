@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from softbot.errors import InputError
 from softbot.faults import (
     BALLOON_LOSS,
     CHAMBER_COUNT,
@@ -38,6 +37,7 @@ from softbot.faults import (
     BALLOON_VOLUME_1_Pa,
     Fault,
     FaultKind,
+    FaultTimeline,
     IMU_BIAS_rad_s,
     PneumaticConditions,
     SENSOR_DRIFT_Pa_s,
@@ -216,7 +216,7 @@ def pressure_reading(
     return seen_Pa + error_Pa + conditions[SENSOR_OFFSET + i] + spread_Pa * draw
 
 
-class PlantConditions:
+class PlantConditions(FaultTimeline):
     """What is wrong with the plant now, given the faults of a scene.
 
     `faults`: any order. `packed`: the array that `conditions_at` writes; `pneumatic`: a view of the gas's share of it.
@@ -224,14 +224,11 @@ class PlantConditions:
     """
 
     def __init__(self, faults: Iterable[Fault] = ()) -> None:
-        # sorted() is stable: faults of one time keep the order in which they were given.
-        self.faults: tuple[Fault, ...] = tuple(sorted(faults, key=lambda fault: fault.t_s))
+        super().__init__(faults)
         self.rows: FloatArray = faults_array(self.faults)
         self.packed: FloatArray = np.zeros(PLANT_CONDITIONS_SIZE)
         conditions_at(-math.inf, self.rows, self.packed)
         self.pneumatic = PneumaticConditions(self.packed[:CONDITIONS_SIZE])
-        self._applied = 0
-        self._t_s = -math.inf
 
     def advance(self, t_s: float) -> tuple[Fault, ...]:
         """What is wrong at `t_s` [s]; returns the faults that are new since the last call.
@@ -241,21 +238,6 @@ class PlantConditions:
         struck = self.note(t_s)
         conditions_at(t_s, self.rows, self.packed)
         return struck
-
-    def note(self, t_s: float) -> tuple[Fault, ...]:
-        """The faults that are new at `t_s` [s], where `packed` is kept up by somebody else. Raises as `advance`."""
-        if not t_s >= self._t_s:
-            raise InputError(f"t_s = {t_s!r}: time must not run backwards (it was {self._t_s!r})")
-        self._t_s = t_s
-        first = self._applied
-        while self._applied < len(self.faults) and self.faults[self._applied].t_s <= t_s:
-            self._applied += 1
-        return self.faults[first : self._applied]
-
-    @property
-    def active(self) -> tuple[Fault, ...]:
-        """The faults that have struck, earliest first."""
-        return self.faults[: self._applied]
 
     def sensor_reading_Pa(self, true_Pa: ArrayLike, last_reading_Pa: ArrayLike) -> FloatArray:
         """What four pressure sensors without errors of their own say [Pa], given true pressures [4] and the last

@@ -340,3 +340,32 @@ def test_a_law_that_residuals_contradict_is_said_to_lack_fit(make_table) -> None
     assert right.errors.lack_of_fit_p is not None
     assert right.errors.lack_of_fit_p > 0.01
     assert right.parameters["dead_band_Pa"].value == pytest.approx(8e3, rel=0.1)
+
+
+def test_chambers_that_sit_askew_are_found(make_table) -> None:
+    pressure_Pa = np.kron(np.eye(4), np.array([30e3, 60e3, 90e3, 30e3, 60e3, 90e3])[:, None])
+    table = read_table(make_table(pressure_Pa, columns=("direction",)))
+    askew_rad = (0.2, 0.0, 0.0, -0.1)
+    law = ActuatorLaw(replace(default_cross_section(0.02), misalignment_rad=askew_rad), "neo-hookean", 5e4)
+    noise_rad = math.radians(0.3) * np.random.default_rng(4).standard_normal((len(table), 2))
+    bend = 0.2 * law.equilibria(table.pressure_Pa)[0][:, 1:] + noise_rad
+    askew = replace(table, bend_rad=np.hypot(*bend.T), direction_rad=np.arctan2(bend[:, 1], bend[:, 0]))
+    found = calibrate_table(askew, Geometry(0.2, 0.02), "neo-hookean")
+    assert "misalignment" in found.candidates[0].name
+    for i, angle in enumerate(askew_rad):
+        one = found.parameters[f"misalignment_{i}_rad"]
+        assert one.value == pytest.approx(angle, abs=0.02)
+        assert one.low - 0.005 < angle < one.high + 0.005
+    section = found.robot("askew").actuator_law().section
+    assert section.misalignment_rad == pytest.approx(askew_rad, abs=0.03)
+
+
+@pytest.mark.parametrize(("lowest_Pa", "said"), [(60e3, True), (10e3, False)])
+def test_a_dead_band_that_a_table_cannot_tell_is_said_with_its_mend(make_table, lowest_Pa: float, said: bool) -> None:
+    for seed in range(3):
+        pressure_Pa = np.linspace(lowest_Pa, 8e4, 5)
+        path = make_table(pressure_Pa, dead_band_Pa=8e3, noise_deg=3.0, columns=("direction",), seed=seed)
+        found = calibrate_table(read_table(path), Geometry(0.2, 0.02), "neo-hookean")
+        words = [text for text in found.warnings if "cannot tell" in text and "dead band" in text]
+        assert bool(words) == said
+        assert all("add points under 60 kPa" in text for text in words)

@@ -18,6 +18,7 @@ EVERYTHING = {
     "neo-hookean": {"centroid", "dead_band", "length"},
     "yeoh": {"radius", "length"},
     "gent": {"radius", "dead_band"},
+    "mooney-rivlin": {"radius", "turn", "length"},
 }
 
 
