@@ -10,7 +10,7 @@ Four things stand side by side, each of them compiled, over records:
   verdict is given when the best explanation beats a healthy chamber by `evidence` and every other kind by `lead`, or
   when patience ends. Without such an explanation the suspicion is dropped, and the filter learns on.
 - Faults that no gas can make are told by the readings alone: one that repeats to the last bit, one below vacuum, one
-  that jumps to and fro, one that is above zero though the exhaust has long been open.
+  that jumps to and fro, one that rises while the exhaust is open.
 - What the chambers share (supply, inertial unit) has tests of its own, and names no chamber.
 
 Judgement is held while readings are late or missing: over an interval that is not the control period the model is
@@ -71,7 +71,7 @@ _TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
 _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_COMPANY = 30.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
-_VENTED, _DRIFTED_Pa, _VENTED_SHARE = 110, 2.2e3, 0.05  # cycles after which a chamber with an open exhaust reads zero
+_VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 1.8e3, 0.05  # cycles of an open exhaust, in which no reading may rise so far
 _LEAST_NOISE_Pa = 100.0
 _BUS_RESOLUTION_Pa = 100.0  # of a pressure, as the bus tells it
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
@@ -171,6 +171,7 @@ DETECTOR = np.dtype(
         ("noise", np.float64, CHAMBER_COUNT),
         ("vented", np.int64, CHAMBER_COUNT),
         ("vented_Pa", np.float64, CHAMBER_COUNT),
+        ("least_vented_Pa", np.float64, CHAMBER_COUNT),
         ("last_imu", np.float64, 6),
         ("imu_repeats", np.int64),
         ("imu_varied", np.int64),
@@ -470,7 +471,8 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
         return _SENSOR_DROPOUT
     own.vented[c] = own.vented[c] + 1 if own.lagged[c] < -0.95 else 0
     own.vented_Pa[c] += (shown_Pa - own.vented_Pa[c]) * (_VENTED_SHARE if own.vented[c] > 0 else 1.0)
-    if own.vented[c] > _VENTED and own.vented_Pa[c] > _DRIFTED_Pa and own.alarm[c] < 0:
+    own.least_vented_Pa[c] = min(own.least_vented_Pa[c], own.vented_Pa[c]) if own.vented[c] > 1 else own.vented_Pa[c]
+    if own.vented[c] > _VENTED and own.vented_Pa[c] - max(own.least_vented_Pa[c], 0.0) > _DRIFTED_Pa:
         return _SENSOR_DRIFT
     return 0
 
