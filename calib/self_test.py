@@ -92,7 +92,7 @@ def holds_coverage(robots: int = 100, seed: int = 0, told: Callable[[int], None]
     return _counted(robots, lambda: _one_table(rng), told)
 
 
-def recordings_coverage(robots: int = 20, seed: int = 0, told: Callable[[int], None] | None = None) -> Coverage:
+def recordings_coverage(robots: int = 100, seed: int = 0, told: Callable[[int], None] | None = None) -> Coverage:
     """Coverage over random robots with memory and two recordings each."""
     rng = np.random.default_rng(seed)
     return _counted(robots, lambda: _one_recording(rng), told)

@@ -39,6 +39,7 @@ def test_no_setpoint_above_the_limit_ever_acts(new_bench: NewBench, wanted_kPa: 
         ({"over_pressure_Pa": 810e3}, "<= 809100"),
         ({"max_setpoint_Pa": math.nan}, "max_setpoint_Pa = nan"),
         ({"max_setpoint_Pa": 99.9}, "at least 100 Pa"),
+        ({"max_setpoint_Pa": 0.5}, "at least 100 Pa"),
         ({"max_setpoint_Pa": 200.01e3, "over_pressure_Pa": 200.09e3}, "differ by as much"),
         ({"command_timeout_s": 0.0}, "command_timeout_s = 0.0"),
         ({"heartbeat_timeout_s": 11.0}, "heartbeat_timeout_s = 11.0"),
@@ -73,6 +74,8 @@ def test_limits_are_rounded_to_the_strict_side() -> None:
     limits = BoardLimits(199.99e3, 250.09e3, 0.0999999999999, 0.2004, 0.3)
     assert (limits.max_setpoint_hPa, limits.over_pressure_hPa) == (1999, 2500)
     assert (limits.command_timeout_ms, limits.heartbeat_timeout_ms, limits.arming_timeout_ms) == (100, 200, 300)
+    longest = BoardLimits(200e3, 250e3, 10.0, 9.0, 8.0)
+    assert (longest.command_timeout_ms, longest.heartbeat_timeout_ms, longest.arming_timeout_ms) == (10000, 9000, 8000)
 
 
 @given(st.one_of(st.floats(allow_nan=True), st.integers(-1000, 6_000_000).map(lambda each: each / 16)))
