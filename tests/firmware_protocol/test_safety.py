@@ -25,6 +25,14 @@ def disarmed(now_us: int = 0) -> SafetyMachine:
     return made
 
 
+def test_it_wakes_up_latched_with_nothing_commanded_at_time_zero() -> None:
+    state = machine().state
+    assert (state.mode, state.reason) == (BoardMode.SAFE_LATCHED, SafeReason.POWER_UP)
+    assert (state.control_mode, state.setpoints_hPa, state.challenge) == (ControlMode.DISARM, (0, 0, 0, 0), 0)
+    assert (state.started_us, state.mode_since_us, state.now_us) == (0, 0, None)
+    assert (state.setpoints_us, state.control_us, state.heartbeat_us) == (None, None, None)
+
+
 def test_a_failure_before_the_first_cycle_is_kept_from_time_zero() -> None:
     made = machine()
     made.latch(SafeReason.INTERNAL_ERROR)
