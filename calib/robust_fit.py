@@ -24,7 +24,8 @@ from calib.model import ActuatorModel, Prediction
 from softbot.errors import SimulationError
 
 LOSS_SCALE = 2.0
-EXACT_LEAVE_ONE_OUT = 24  # rows up to which each row is left out by fitting again
+EXACT_LEAVE_ONE_OUT = 24  # trials (or rows) up to which each is left out by fitting again
+_DRIVEN = 0.2  # of the table's highest pressure; what is below only holds a chamber in shape
 _PULL = 1e-3
 _LEAST_SCALE = 0.05  # of the measuring error, squared: information is never better than that
 _LEFT_OUT_TOLERANCE = 1e-6
@@ -48,6 +49,8 @@ class Observations:
     """Measuring error of a bend."""
     length_error_m: float
     """Measuring error of a length."""
+    left_out_with: NDArray[np.int_]
+    """Rows with the same number are left out together, shape (n,)."""
 
     def __len__(self) -> int:
         return len(self.directed)
@@ -57,15 +60,17 @@ class Observations:
         """How many numbers were measured: a bend a row, and the lengths."""
         return len(self) + int(np.sum(np.isfinite(self.length_m)))
 
-    def without(self, row: int) -> Observations:
-        """All rows but one."""
-        keep = np.arange(len(self)) != row
+    def without(self, rows: NDArray[np.int_]) -> Observations:
+        """All rows but some."""
+        keep = np.ones(len(self), dtype=bool)
+        keep[rows] = False
         return replace(
             self,
             pressure_Pa=self.pressure_Pa[keep],
             bend_rad=self.bend_rad[keep],
             directed=self.directed[keep],
             length_m=self.length_m[keep],
+            left_out_with=self.left_out_with[keep],
         )
 
 
@@ -114,7 +119,23 @@ def observations(table: BendTable, bend_error_rad: float, length_error_m: float)
         ordered.length_m,
         bend_error_rad,
         length_error_m,
+        _left_out_together(ordered),
     )
+
+
+def _left_out_together(table: BendTable) -> NDArray[np.int_]:
+    """A number for each row: that of its trial, where other trials drive the same chambers; else one of its own.
+
+    Rows of one trial err together, so that a row is no test of a law that was fitted to the others. A chamber that only
+    one trial drives has to stay: without it nothing would be known of it.
+    """
+    group = np.arange(len(table.trial))
+    driven = table.pressure_Pa > _DRIVEN * np.max(table.pressure_Pa, initial=0.0)
+    for name in np.unique(table.trial):
+        own = table.trial == name
+        if name and np.all(driven[~own].any(axis=0) | ~driven[own].any(axis=0)):
+            group[own] = np.flatnonzero(own)[0]
+    return group
 
 
 def bend_vectors(table: BendTable) -> FloatArray:
@@ -139,18 +160,20 @@ def fit_model(model: ActuatorModel, rows: Observations, starts: list[FloatArray]
 
 
 def leave_one_out(fit: Fit, rows: Observations, anchor: FloatArray, exact: bool = True) -> LeaveOneOut:
-    """Each row predicted without it: by fitting again for few rows, else (or unless `exact`) by the fit's leverages.
+    """Each row predicted without it and what is left out with it (`Observations.left_out_with`).
 
-    `anchor` are the coordinates that an undetermined one falls back to, shape (m,).
+    By fitting again for few trials or rows, else (or unless `exact`) by the fit's leverages. `anchor` are the
+    coordinates that an undetermined one falls back to, shape (m,).
     """
     bend, length = np.empty((len(rows), 2)), np.full(len(rows), np.nan)
-    if exact and len(rows) <= EXACT_LEAVE_ONE_OUT:
-        for row in range(len(rows)):
-            problem = _Problem(fit.model, rows.without(row), anchor)
+    groups = [np.flatnonzero(rows.left_out_with == number) for number in np.unique(rows.left_out_with)]
+    if exact and len(groups) <= EXACT_LEAVE_ONE_OUT:
+        for own in groups:
+            problem = _Problem(fit.model, rows.without(own), anchor)
             theta, _ = problem.solve(fit.theta, _LEFT_OUT_TOLERANCE)
-            prediction = fit.model.predict(theta, rows.pressure_Pa[row : row + 1])
-            bend[row] = _bend_residual(prediction, rows.bend_rad[row : row + 1], rows.directed[row : row + 1])[0]
-            length[row] = rows.length_m[row] - prediction.length_m[0]
+            prediction = fit.model.predict(theta, rows.pressure_Pa[own])
+            bend[own] = _bend_residual(prediction, rows.bend_rad[own], rows.directed[own])
+            length[own] = rows.length_m[own] - prediction.length_m
     else:
         bend, length = _by_leverage(fit, rows)
     square = np.sum(bend**2, axis=1) / rows.bend_error_rad**2
@@ -272,20 +295,23 @@ def _residuals(prediction: Prediction, rows: Observations) -> tuple[FloatArray, 
 
 
 def _by_leverage(fit: Fit, rows: Observations) -> tuple[FloatArray, FloatArray]:
-    """Leave-one-out residuals r_i → (1 − H_ii)⁻¹ r_i of the fit made linear at its optimum, in blocks of a row."""
+    """Left-out residuals r_i → (1 − H_ii)⁻¹ r_i of the fit made linear at its optimum; i: what is left out at once."""
     residual, slope, row_of = _residuals(fit.model.predict(fit.theta, rows.pressure_Pa), rows)
     weight = (1.0 + (residual / LOSS_SCALE) ** 2) ** -0.25  # root of ρ′
     weighted = weight[:, None] * slope
     inverse = np.linalg.inv(weighted.T @ weighted + _PULL**2 * np.eye(slope.shape[1]))
     bend, length = np.zeros((len(rows), 2)), np.full(len(rows), np.nan)
+    change = np.empty(len(residual))
+    for number in np.unique(rows.left_out_with):
+        own = np.flatnonzero(rows.left_out_with[row_of] == number)
+        hat = weighted[own] @ inverse @ weighted[own].T
+        change[own] = np.linalg.solve(np.eye(len(own)) - hat, weight[own] * residual[own]) / weight[own]
     for row in range(len(rows)):
         own = np.flatnonzero(row_of == row)
-        hat = weighted[own] @ inverse @ weighted[own].T
-        change = np.linalg.solve(np.eye(len(own)) - hat, weight[own] * residual[own]) / weight[own]
         bends = own.size - int(np.isfinite(rows.length_m[row]))
-        bend[row, :bends] = -rows.bend_error_rad * change[:bends]
+        bend[row, :bends] = -rows.bend_error_rad * change[own[:bends]]
         if bends < own.size:
-            length[row] = -rows.length_error_m * change[-1]
+            length[row] = -rows.length_error_m * change[own[-1]]
     return bend, length
 
 

@@ -152,6 +152,26 @@ def test_leave_one_out_by_leverage_agrees_with_fitting_again(make_table, monkeyp
         assert linear[key] > exact[key.replace("loo", "rms")]
 
 
+@pytest.mark.parametrize("refitted", [True, False])
+def test_trials_are_left_out_whole_where_another_drives_the_same_chamber(
+    make_table, monkeypatch: pytest.MonkeyPatch, refitted: bool
+) -> None:
+    if not refitted:
+        monkeypatch.setattr("calib.robust_fit.EXACT_LEAVE_ONE_OUT", 1)
+    table = read_table(make_table(np.linspace(1e4, 9e4, 10), columns=("direction",)))
+    second = np.arange(10) % 2 == 1
+    table = replace(table, bend_rad=np.where(second, 1.2, 1.0) * table.bend_rad)  # a trial that bends further
+    geometry = Geometry(length_m=0.2, radius_m=0.02)
+
+    def left_out_percent(trial: np.ndarray) -> float:
+        return calibrate_table(replace(table, trial=trial), geometry, law="neo-hookean").report()["loo_bend_percent"]
+
+    by_row = left_out_percent(np.full(10, ""))
+    assert left_out_percent(np.where(second, "second", "first")) > 1.5 * by_row
+    # The only trial of a chamber cannot be left out: nothing would be known of it.
+    assert left_out_percent(np.full(10, "only")) == pytest.approx(by_row)
+
+
 def test_long_tables_are_averaged_and_said(make_table) -> None:
     pressure = np.random.default_rng(2).uniform(1e3, 9e4, 7000)
     path = make_table(pressure, noise_deg=1.0, columns=("direction",))

@@ -362,7 +362,7 @@ def test_inverse_keeps_the_limits_the_dead_chambers_and_its_word(
     assert np.all(found.pressure_Pa[live] >= co_contraction_Pa)
     assert np.all(found.pressure_Pa <= LIMIT_Pa)
     given_now = tube.equilibrium(found.pressure_Pa).curvature_1_m
-    np.testing.assert_array_equal(found.curvature_1_m, given_now)
+    np.testing.assert_allclose(found.curvature_1_m, given_now, rtol=1e-8, atol=1e-9)  # two ways to one equilibrium
     assert found.reached == (np.hypot(*(given_now - wanted)) <= 0.01 * max(size, 1e-4))
 
 
