@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from calib.bend_table import BendTable, FloatArray, joined_rows
 from calib.calibration import Calibration, Estimate
-from calib.fit import Geometry, calibrate_table
+from calib.fit import calibrate_table
+from calib.model_choice import Geometry
 from calib.recording import Trial, trials_of
 from calib.series_calibration import covariance_of, estimates_of
 from calib.series_choice import LADDER

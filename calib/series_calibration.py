@@ -18,8 +18,8 @@ import numpy as np
 
 from calib.bend_table import BendTable, FloatArray
 from calib.calibration import DAMPING_TIME_S, DENSITY_KG_M3, Estimate, numbers_provenance, rounded, rounded_up
-from calib.fit import Geometry
 from calib.identifiability import Direction, directions, sentences
+from calib.model_choice import Geometry
 from calib.recording import Trial, trials_of
 from calib.series_choice import Choice, LeftOut, choose_series, scaled_error
 from calib.series_fit import SeriesFit, relative_error, trial_weights

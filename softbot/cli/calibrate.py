@@ -61,7 +61,6 @@ def calibrate(
     With t_s and rows that follow each other it is a recording (trial tells its runs apart, valid = 0 marks gaps): the
     robot then gets a [memory] too.
     """
-    import sys
 
     from softbot.errors import InputError
 
@@ -83,9 +82,11 @@ def calibrate(
 
     from rich.console import Console
 
-    messages = Console(stderr=True, quiet=json or not sys.stderr.isatty())
-    with messages.status("fitting the actuator law …"):
-        from calib.fit import Geometry, calibrate_table
+    from softbot.cli.streams import messages
+
+    with messages().status("fitting the actuator law …"):
+        from calib.fit import calibrate_table
+        from calib.model_choice import Geometry
         from calib.plausibility import checked
         from calib.recording import is_recording
         from calib.table import read_rows

@@ -52,7 +52,8 @@ def calibrate_shipped_table() -> Calibration:
     from dataclasses import replace
     from importlib import resources
 
-    from calib.fit import Geometry, calibrate_table
+    from calib.fit import calibrate_table
+    from calib.model_choice import Geometry
     from calib.table import read_table
 
     with resources.as_file(resources.files("calib") / "data" / ROBOT_NAME / "table.csv") as path:

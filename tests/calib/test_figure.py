@@ -7,7 +7,8 @@ import pytest
 
 import calib
 from calib.figure import save_figure
-from calib.fit import Geometry, calibrate_table
+from calib.fit import calibrate_table
+from calib.model_choice import Geometry
 from calib.table import read_table
 from softbot.errors import InputError
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 import calib
 from calib.bend_table import BendTable
 from calib.calibration import Calibration
-from calib.fit import Geometry, calibrate_table, gain_groups
+from calib.fit import calibrate_table
+from calib.model_choice import Geometry, gain_groups
 from calib.robust_fit import EXACT_LEAVE_ONE_OUT
 from calib.table import read_table
 from softbot.actuator import ActuatorLaw

@@ -7,8 +7,9 @@ import pytest
 
 import calib
 from calib.design import next_rows
-from calib.fit import Geometry, calibrate_table
+from calib.fit import calibrate_table
 from calib.identifiability import directions, sentences
+from calib.model_choice import Geometry
 from calib.robust_fit import observations
 from calib.table import read_table
 

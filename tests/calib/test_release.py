@@ -8,7 +8,8 @@ import pytest
 
 import calib
 from calib.bend_table import BendTable
-from calib.fit import Geometry, calibrate_table
+from calib.fit import calibrate_table
+from calib.model_choice import Geometry
 from calib.table import read_table
 
 TABLE = Path(calib.__file__).parent / "data" / "asu_four_chamber_arm" / "table.csv"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from calib.fit import Geometry
+from calib.model_choice import Geometry
 from calib.recording import Trial, trials_of
 from calib.series_calibration import autocorrelation_time, calibrate_recording, materials_of, transfers
 from calib.series_choice import LADDER, USUAL, choose_series, scaled_error

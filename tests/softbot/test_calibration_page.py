@@ -8,7 +8,8 @@ import pytest
 
 import calib
 from calib.calibration import Calibration
-from calib.fit import Geometry, calibrate_table
+from calib.fit import calibrate_table
+from calib.model_choice import Geometry
 from calib.recording import trials_of
 from calib.series_calibration import SeriesCalibration, calibrate_recording
 from calib.table import read_rows, read_table
