@@ -23,18 +23,16 @@ Left out: wall, floor and load (softening, friction, payload), which the pressur
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from controllers import chamber_gas, chamber_observer, fault_naming
-from controllers.chamber_gas import Gas, gas_of, lagged_opening
+from controllers import chamber_gas, chamber_observer, detector_parts, fault_naming
+from controllers.chamber_gas import lagged_opening
 from controllers.chamber_observer import (
     INLET,
-    OBSERVER,
     OUTLET,
     PRESSURE,
     STATES,
@@ -43,7 +41,15 @@ from controllers.chamber_observer import (
     observe,
     resume_observing,
 )
-from controllers.fault_naming import CANDIDATES, KEPT, VERDICT, WINDOW, Candidates, name_fault
+from controllers.detector_parts import (
+    MOST_FOUND,
+    DetectorMemory,
+    DetectorParts,
+    DetectorTuning,
+    detector_memory,
+    parts_of_detector,
+)
+from controllers.fault_naming import KEPT, name_fault
 from controllers.interface import Detection
 from softbot import pneumatics
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
@@ -53,7 +59,6 @@ from softbot.sensing import READINGS, Readings, SensorParameters
 
 FloatArray = NDArray[np.float64]
 
-_MOST_FOUND = 8
 _WILDEST = 4.0  # deviations: one reading, however wild, is no proof
 _FASTEST_SWELLING = 0.05  # of a volume, in one cycle
 _LONGEST_STEP = 1.5  # periods: beyond, a sampling was lost
@@ -72,183 +77,7 @@ _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of d
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_COMPANY = 30.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
 _VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 1.8e3, 0.05  # cycles of an open exhaust, in which no reading may rise so far
-_LEAST_NOISE_Pa = 100.0
-_BUS_RESOLUTION_Pa = 100.0  # of a pressure, as the bus tells it
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
-
-
-@dataclass(frozen=True)
-class DetectorTuning:
-    """Thresholds of the decision.
-
-    `allowance` and `alarm_at` are those of the CUSUM, in deviations of the innovation. `evidence` and `lead` are
-    logarithms of likelihood ratios. A suspicion is looked into every `look_every` cycles; from `confirm` cycles on a
-    verdict may be given, for up to `patience` cycles one kind has to lead the others, after `patience_ends` it is
-    dropped.
-    """
-
-    period_s: float = 0.01
-    """Of the samplings."""
-    allowance: float = 1.0
-    alarm_at: float = 12.0
-    evidence: float = 24.0
-    lead: float = 3.0
-    look_every: int = 4
-    confirm: int = 2
-    patience: int = 30
-    patience_ends: int = 60
-    review: int = 90
-    lead_again: float = 6.0
-    """How long after the suspicion a name is looked at again, and the lead by which another one takes its place."""
-    repeats: int = 8
-    """Equal readings in a row that make a sensor stuck."""
-    below: int = 6
-    """Readings in a row below vacuum that make a broken wire."""
-    noise_allowance: float = 4.0
-    noise_at: float = 100.0
-    noise_wildest: float = 25.0
-    """CUSUM of the squared second difference over its healthy mean, and what one cycle counts at most."""
-    supply_low: float = 0.1
-    """Share of its gauge pressure by which a supply is too low, over all that the valves can draw."""
-    supply_cycles: int = 8
-    settle: int = 20
-    """Cycles at the start in which nothing is judged."""
-
-
-class DetectorParts(NamedTuple):
-    """What a detector is made of, as compiled code takes it."""
-
-    gas: Gas
-    candidates: Candidates
-    noise_Pa: float
-    """Of a pressure reading, its rounding included."""
-    dithers: bool
-    """Whether a pressure sensor has so much noise over its resolution that it never repeats itself for long."""
-    sounds: bool
-    """Whether the inertial unit has noise, so that a reading that repeats has stuck."""
-    period_s: float
-    allowance: float
-    alarm_at: float
-    evidence: float
-    lead: float
-    look_every: int
-    confirm: int
-    patience: int
-    patience_ends: int
-    review: int
-    lead_again: float
-    repeats: int
-    below: int
-    noise_allowance: float
-    noise_at: float
-    noise_wildest: float
-    supply_low_Pa: float
-    supply_cycles: int
-    settle: int
-
-
-DETECTOR = np.dtype(
-    [
-        ("cycle", np.int64),
-        ("oldest", np.int64),
-        ("held", np.int64),
-        ("last_t_s", np.float64),
-        ("last_supply_Pa", np.float64),
-        ("volume_m3", np.float64, CHAMBER_COUNT),
-        ("lagged", np.float64, CHAMBER_COUNT),
-        ("trusted", np.float64, (CHAMBER_COUNT, STATES)),
-        ("learnt", np.int64, CHAMBER_COUNT),
-        ("filled", np.int64, CHAMBER_COUNT),
-        ("rising", np.float64, CHAMBER_COUNT),
-        ("falling", np.float64, CHAMBER_COUNT),
-        ("alarm", np.int64, CHAMBER_COUNT),
-        ("last_Pa", np.float64, CHAMBER_COUNT),
-        ("before_Pa", np.float64, CHAMBER_COUNT),
-        ("repeats", np.int64, CHAMBER_COUNT),
-        ("owed_Pa", np.float64, CHAMBER_COUNT),
-        ("varied", np.int64, CHAMBER_COUNT),
-        ("below", np.int64, CHAMBER_COUNT),
-        ("noise", np.float64, CHAMBER_COUNT),
-        ("vented", np.int64, CHAMBER_COUNT),
-        ("vented_Pa", np.float64, CHAMBER_COUNT),
-        ("least_vented_Pa", np.float64, CHAMBER_COUNT),
-        ("last_imu", np.float64, 6),
-        ("imu_repeats", np.int64),
-        ("imu_varied", np.int64),
-        ("supply_low", np.int64),
-        ("supply_fed_Pa", np.float64),
-        ("supply_drawn_Pa", np.float64),
-        ("named", np.int64, CHAMBER_COUNT),
-        ("severity", np.float64, CHAMBER_COUNT),
-        ("named_shared", np.int64, len(KINDS) + 1),
-        ("found", np.int64),
-        ("found_chamber", np.int64, _MOST_FOUND),
-        ("found_kind", np.int64, _MOST_FOUND),
-        ("found_severity", np.float64, _MOST_FOUND),
-        ("found_confidence", np.float64, _MOST_FOUND),
-    ],
-    align=True,
-)
-"""What a detector remembers beside its filters, as a record. `rising` and `falling`: the CUSUMs; `alarm`: cycle at
-which a chamber came to be suspected, −1 if it is not; `trusted`: the filters' states, slowly, while nothing is
-suspected; `named`: the kind by number, 0 none, and its severity; `named_shared`: for each kind whether it was found in
-what the chambers share; `found`: verdicts of this cycle, chamber −1 for none."""
-
-
-class DetectorMemory(NamedTuple):
-    """All that a detector remembers: records, of shapes (1,), (4,), (1,) and (4,)."""
-
-    own: Any
-    observer: Any
-    window: Any
-    verdict: Any
-
-
-def detector_memory() -> DetectorMemory:
-    """Memory of a detector that has seen nothing."""
-    own = np.zeros(1, DETECTOR).view(np.recarray)
-    own[0]["last_t_s"] = math.nan
-    own[0]["alarm"] = -1
-    return DetectorMemory(
-        own,
-        np.zeros(CHAMBER_COUNT, OBSERVER).view(np.recarray),
-        np.zeros(1, WINDOW).view(np.recarray),
-        np.zeros(CHAMBER_COUNT, VERDICT).view(np.recarray),
-    )
-
-
-def detector_parts(
-    parameters: PneumaticsParameters, sensors: SensorParameters, tuning: DetectorTuning | None = None
-) -> DetectorParts:
-    """The parts of a detector of a robot with these pneumatics and sensors."""
-    own = tuning or DetectorTuning()
-    rounding_Pa = math.hypot(sensors.pressure_resolution_Pa, _BUS_RESOLUTION_Pa) / math.sqrt(12.0)
-    return DetectorParts(
-        gas_of(parameters),
-        CANDIDATES,
-        max(math.hypot(sensors.pressure_noise_Pa, rounding_Pa), _LEAST_NOISE_Pa),
-        sensors.pressure_noise_Pa > 2.0 * max(sensors.pressure_resolution_Pa, _BUS_RESOLUTION_Pa),
-        sensors.gyro_noise_rad_s > 0.0 or sensors.accelerometer_noise_m_s2 > 0.0,
-        own.period_s,
-        own.allowance,
-        own.alarm_at,
-        own.evidence,
-        own.lead,
-        own.look_every,
-        own.confirm,
-        own.patience,
-        own.patience_ends,
-        own.review,
-        own.lead_again,
-        own.repeats,
-        own.below,
-        own.noise_allowance,
-        own.noise_at,
-        own.noise_wildest,
-        own.supply_low * parameters.supply_pressure_Pa + 4.0 * sensors.supply_noise_Pa,
-        own.supply_cycles,
-        own.settle,
-    )
 
 
 class FaultDetector:
@@ -260,7 +89,7 @@ class FaultDetector:
         sensors: SensorParameters,
         tuning: DetectorTuning | None = None,
     ) -> None:
-        self.parts = detector_parts(parameters, sensors, tuning)
+        self.parts = parts_of_detector(parameters, sensors, tuning)
         self.memory = detector_memory()
         self._reading = np.zeros(1, READINGS).view(np.recarray)
 
@@ -414,7 +243,7 @@ def _tell(own: Any, chamber: int, kind: int, severity: float, confidence: float)
     else:
         own.named_shared[kind] = 1
     n = own.found
-    if n < _MOST_FOUND:
+    if n < MOST_FOUND:
         own.found_chamber[n], own.found_kind[n] = chamber, kind
         own.found_severity[n], own.found_confidence[n] = severity, np.round(100.0 * confidence) / 100.0
         own.found = n + 1
@@ -478,6 +307,24 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
 
 
 @njit
+def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) -> None:
+    """Play the library over the last second of a chamber; its verdict is written anew."""
+    own = memory.own[0]
+    name_fault(
+        parts.gas,
+        memory.window[0],
+        c,
+        own.cycle,
+        own.alarm[c],
+        own.oldest,
+        parts.noise_Pa,
+        parts.candidates,
+        afresh,
+        memory.verdict[c],
+    )
+
+
+@njit
 def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     """Look for what explains a suspected chamber, and say it when it is clear."""
     own = memory.own[0]
@@ -489,18 +336,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     if waited < parts.confirm or (waited - parts.confirm) % parts.look_every != 0 or undecided:
         return
     verdict = memory.verdict[c]
-    name_fault(
-        parts.gas,
-        memory.window[0],
-        c,
-        own.cycle,
-        own.alarm[c],
-        own.oldest,
-        parts.noise_Pa,
-        parts.candidates,
-        waited <= parts.confirm + 2 * parts.look_every,
-        verdict,
-    )
+    _look(parts, memory, c, waited <= parts.confirm + 2 * parts.look_every)
     doubt = memory.window[0].doubt[own.cycle % KEPT, c]
     asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP)
     for other in range(CHAMBER_COUNT):
@@ -525,18 +361,7 @@ def _review(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool)
         return
     if (waited - parts.confirm) % (2 * parts.look_every) != 0:
         return
-    name_fault(
-        parts.gas,
-        memory.window[0],
-        c,
-        own.cycle,
-        own.alarm[c],
-        own.oldest,
-        parts.noise_Pa,
-        parts.candidates,
-        False,
-        verdict,
-    )
+    _look(parts, memory, c, False)
     if verdict.kind == 0 or verdict.evidence < parts.evidence:
         return
     if verdict.kind == own.named[c]:
@@ -618,4 +443,4 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
 
 
 # its own kernels are compiled into it, so that none of them is found in the cache as it was before a change elsewhere
-detect = _compile(kernel_stamp(chamber_gas, chamber_observer, fault_naming, pneumatics, __file__))
+detect = _compile(kernel_stamp(chamber_gas, chamber_observer, detector_parts, fault_naming, pneumatics, __file__))

@@ -27,6 +27,7 @@ from controllers import (
     chamber_observer,
     commutation,
     compensation,
+    detector_parts,
     estimation,
     fault_answers,
     fault_detection,
@@ -36,16 +37,10 @@ from controllers import (
 )
 from controllers.commutation import commanded_direction_rad, shortfall_rad
 from controllers.compensation import compensate
+from controllers.detector_parts import DetectorMemory, DetectorParts, detector_memory, parts_of_detector
 from controllers.estimation import estimator_memory, follow_bend, follow_roll
 from controllers.fault_answers import BLIND, FORBIDS_FROM, answers, strength_left
-from controllers.fault_detection import (
-    DetectorMemory,
-    DetectorParts,
-    detect,
-    detections_of,
-    detector_memory,
-    detector_parts,
-)
+from controllers.fault_detection import detect, detections_of
 from controllers.interface import (
     STATES,
     STRATEGIES,
@@ -178,7 +173,7 @@ class SequencerConfig:
         """As compiled code takes it."""
         return SequencerParts(
             robot_model.robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
-            detector_parts(self.robot.pneumatics, self.robot.sensors),
+            parts_of_detector(self.robot.pneumatics, self.robot.sensors),
             bool(self.recovery),
             float(self.lead_rad),
             answers(),
@@ -401,6 +396,7 @@ cycle = _compile(
         chamber_observer,
         commutation,
         compensation,
+        detector_parts,
         estimation,
         fault_answers,
         fault_detection,
