@@ -360,11 +360,13 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         samples: int,
         steps: int,
         out: FloatArray,
+        seen: FloatArray,
     ) -> int:
         """Advance a rod by samples × steps steps; a row of `out` after each sample. Returns the samples done.
 
         memory: as `rod_memory.carve` lays it out. drive: as `rod_drive` lays it out. out: (samples, ROW_SIZE), or
-        (0, ROW_SIZE) for none. steps = 0 only looks at the rod as it is.
+        (0, ROW_SIZE) for none. seen: the beginning of the memory after each sample (`rod_memory.Instants`), or none of
+        it, (0, …). steps = 0 only looks at the rod as it is, or at the instants of `seen` one after another.
         """
         state, rule, contacts, work, _ = carve(memory, layout)
         going = len(stamp) > 0
@@ -428,6 +430,11 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                         state.velocity[f] = 0.0
             if not going:
                 return sample
+            if seen.shape[0] > 0:
+                if steps > 0:
+                    copy_into(memory[: seen.shape[1]], seen[sample])
+                else:
+                    copy_into(seen[sample], memory)
             if out.shape[0] > 0:
                 if flag[ASLEEP] > 0.0 and sample > 0 and out[sample - 1, 35] > 0.0:
                     for k in range(ROW_SIZE):
