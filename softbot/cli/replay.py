@@ -33,7 +33,7 @@ def replay(
 
     checked = load_scene(scene, tuple(assignments or ()))
     check_drive(checked, "replay")
-    found = replay_trace(trace, checked)
+    found = replay_trace(trace, checked.robot)
     typer.echo(json_format.dumps(found.report()) if json else in_words(found))
 
 
