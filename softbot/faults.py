@@ -189,8 +189,6 @@ class Fault:
             _is_number(self.period_s) and math.isfinite(self.period_s) and self.period_s > 0
         ):
             raise InputError(f"fault.period_s = {self.period_s!r}: must be a finite time in seconds, above zero")
-        if self.kind is FaultKind.OBSTACLE and (self.ramp_s > 0 or self.period_s is not None):
-            raise InputError("fault.ramp_s, fault.period_s: an obstacle lies there from one moment on; leave both out")
         if not (_is_number(self.duty) and 0 < self.duty <= 1):
             raise InputError(f"fault.duty = {self.duty!r}: must be above 0 and at most 1")
 
