@@ -80,6 +80,8 @@ def inject(
     With this program's sequencer and the rod twin alone the run goes without a bus, else over one. Raises InputError
     for what no scene can have, SimulationError when the run fails (as it does when the sequencer raises something).
     """
+    if kind is None and chamber is not None:
+        raise InputError(f"chamber = {chamber!r}: of which fault? Say its kind too, or leave the chamber out")
     if isinstance(scene, Scene):
         tables = scene.table()
         name = scene.name

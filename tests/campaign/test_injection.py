@@ -102,6 +102,7 @@ def test_scenes_and_further_faults_are_taken() -> None:
     [
         ({"kind": "gremlin"}, "gremlin"),
         ({"kind": "rupture"}, "chamber"),
+        ({"chamber": 2}, "of which fault"),
         ({"kind": "rupture", "chamber": 7}, "from 0 to 3"),
         ({"kind": "leak", "chamber": 1, "severity": float("nan")}, "severity"),
         ({"scene": "nowhere.toml"}, "nowhere.toml"),
