@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _SHOWN_S = 0.25
 _KEPT_EVERY_S = 60.0
-_WIDTH = 160  # characters, in a file
 
 
 def shadow(
@@ -110,10 +109,7 @@ def shadow(
 
     from softbot.cli.replay import in_words
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=max(console.width, _WIDTH))
-    console.print(_picture(twin, place))
+    Console(highlight=False).print(_picture(twin, place))
     typer.echo(in_words(found))
     for one in looks:
         typer.echo(f"look at   {one['words']}")
@@ -247,21 +243,21 @@ def _picture(twin: Shadow, title: str) -> RenderableType:
     mode = "board not heard" if now.board_mode is None else f"board {now.board_mode.replace('_', ' ')}"
     head = Text.assemble(
         (title, "bold"),
-        f"   {now.t_s:.1f} s   {mode}, sequencer {now.sequencer_state}   rolled {now.roll_rev:.2f} rev at "
-        f"{now.roll_rate_rev_s:.2f} rev/s, bent {now.bend_rad:.2f} rad",
+        f"   {now.t_s:.1f} s   {mode}, sequencer {now.sequencer_state}\n"
+        f"rolled {now.roll_rev:.2f} rev at {now.roll_rate_rev_s:.2f} rev/s, bent {now.bend_rad:.2f} rad",
     )
     table = Table(box=None, pad_edge=False)
-    for name in ("chamber", "pressure", "supply path", "exhaust path", "leak", "effect", "suspicion", "verdict"):
-        table.add_column(name, justify="left" if name in ("chamber", "verdict") else "right", no_wrap=True)
+    for name in ("", "pressure", "supply", "exhaust", "leak", "effect", "suspected", "verdict"):
+        table.add_column(name, justify="left" if name in ("", "verdict") else "right", no_wrap=True)
     for number, one in enumerate(now.chambers):
         learnt = one.learnt
-        named = "" if one.named is None else f"{one.named.replace('_', ' ')}, severity {one.severity or 0.0:.2f}"
+        named = "" if one.named is None else f"{one.named.replace('_', ' ')} {one.severity or 0.0:.2f}"
         table.add_row(
             str(number),
             f"{1e-3 * one.pressure_Pa:.1f} kPa",
-            f"{100.0 * learnt.supply_path:.0f} ± {100.0 * learnt.supply_path_deviation:.0f} %",
-            f"{100.0 * learnt.exhaust_path:.0f} ± {100.0 * learnt.exhaust_path_deviation:.0f} %",
-            f"{100.0 * learnt.leak:.1f} ± {100.0 * learnt.leak_deviation:.1f} %",
+            f"{100.0 * learnt.supply_path:.0f}±{100.0 * learnt.supply_path_deviation:.0f} %",
+            f"{100.0 * learnt.exhaust_path:.0f}±{100.0 * learnt.exhaust_path_deviation:.0f} %",
+            f"{100.0 * learnt.leak:.1f}±{100.0 * learnt.leak_deviation:.1f} %",
             f"{100.0 * one.effectiveness:.0f} %",
             f"{100.0 * min(one.suspicion, 1.0):.0f} %",
             named or "healthy",
