@@ -64,7 +64,7 @@ class Candidates(NamedTuple):
     change: NDArray[np.int64]
     base: FloatArray
     """Of the value that the change takes (hole ratio, what is left of a path, forced opening, factor of the lag,
-    widening, scale) at no severity …"""
+    widening, scale; of a drift what it had come to at its onset [Pa]) at no severity …"""
     slope: FloatArray
     """… and with each unit of it."""
     severity: FloatArray
@@ -89,7 +89,7 @@ def _candidates() -> Candidates:
         (FaultKind.BALLOONING, _WIDENING, 0.0, BALLOON_VOLUME_1_Pa, (0.2, 0.4, 0.65, 1.0), 0.15, 1.0, -2.0),
         (FaultKind.SENSOR_SCALE, _SCALE, 1.0, -SENSOR_SCALE_LOSS, (0.2, 0.4, 0.6, 0.9), 0.15, 1.0, -1.0),
         (FaultKind.SENSOR_OFFSET, _OFFSET, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -1.0),
-        (FaultKind.SENSOR_DRIFT, _DRIFT, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -2.0),
+        (FaultKind.SENSOR_DRIFT, _DRIFT, 0.0, 1e3, (0.0, 0.8, 1.6, 3.2), 0.0, 5.0, -2.0),
         (FaultKind.LINES_SWAPPED, _SWAP, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, -2.0),
     )
     kind, change, base, slope, severity, least, most, prior = zip(*rows, strict=True)
@@ -168,6 +168,15 @@ def _cost(error_Pa: float, deviation_Pa: float) -> float:
 
 
 @njit
+def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
+    """The absolute pressure of a chamber's gas after its wall has given way: p (1 + w (p − p_a)) = p before."""
+    if pressure <= gas.atmosphere_Pa or widening_1_Pa <= 0.0:
+        return pressure
+    linear = 1.0 - widening_1_Pa * gas.atmosphere_Pa
+    return (math.sqrt(linear * linear + 4.0 * widening_1_Pa * pressure) - linear) / (2.0 * widening_1_Pa)
+
+
+@njit
 def _simulate(
     gas: Gas,
     window: Any,
@@ -193,7 +202,11 @@ def _simulate(
     elif change == _BOTH:
         inlet *= value
         outlet *= value
+    elif change == _DRIFT:  # the filter took what it had come to for pressure
+        pressure = max(pressure - value, 0.5 * gas.atmosphere_Pa)
     started, timing_Pa2 = pressure, 0.0
+    if change == _WIDENING:
+        pressure = _widened(gas, pressure, value)
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         opening, step_s = window.opening[k, chamber], window.step_s[k]
@@ -321,16 +334,21 @@ def _explained(
         _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
         cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)
         return cost, severity
-    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    if change == _DRIFT:
+        _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
+        offset_Pa += value
+    else:
+        _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
     cost, fitted = _sensor_cost(window, chamber, now, since, change, value, offset_Pa, share, scratch)
     if change == _OFFSET:
         severity = fitted / SENSOR_OFFSET_Pa
         if not _LEAST_OFFSET < abs(severity) < _MOST_OFFSET:
             return math.inf, 0.0
     elif change == _DRIFT:
-        severity = fitted / SENSOR_DRIFT_Pa_s
-        if not _LEAST_DRIFT < abs(severity) < _MOST_DRIFT or since * window.step_s[now % KEPT] < _LEAST_DRIFT_S:
-            return math.inf, 0.0
+        rate = fitted / SENSOR_DRIFT_Pa_s
+        short = since * window.step_s[now % KEPT] < _LEAST_DRIFT_S
+        if short or not _LEAST_DRIFT < abs(rate) < _MOST_DRIFT or (rate < 0.0 and severity > 0.0):
+            return math.inf, severity
     return cost, severity
 
 
