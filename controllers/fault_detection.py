@@ -206,7 +206,8 @@ def _follow(
         own.volume_m3[c] = volume
         own.lagged[c], mean[c] = lagged_opening(gas.lag_s, step_s, own.lagged[c], reading.opening[c])
         observer = memory.observer[c]
-        own.supply_drawn_kg_s += drawn_kg_s(gas, c, observer.x[INLET], mean[c], supply, observer.x[PRESSURE])
+        opened = between(mean[c], own.lagged[c])
+        own.supply_drawn_kg_s += drawn_kg_s(gas, c, observer.x[INLET], opened, supply, observer.x[PRESSURE])
         if observer.deviation_Pa <= 0.0:
             begin_observing(observer, gas, reading.pressure_Pa[c], parts.noise_Pa)
             continue

@@ -2,10 +2,11 @@
 
 The manifold's gas balance at absolute pressure P, with the regulator's flow F_r and what the valves draw:
 
-    dP/dt = (RT/V) (c F_r(P_r, P) − draw),  F_r ≥ 0: a regulator does not relieve
+    dP/dt = (RT/V) (c F_r(P_r, P) − g draw),  F_r ≥ 0: a regulator does not relieve
 
 From when the supply was first low a bank of extended Kalman filters follows its readings. In one half c = 1 and the
-regulator's pressure P_r is a state beside P; in the other P_r is what it should be and c is. Each filter begins at a
+regulator's pressure P_r is a state beside P; in the other P_r is what it should be and c is; g, the error of the draw
+that is reckoned with, is one in both. Each filter begins at a
 value of its own and knows it to half the distance to the next, so that together they cover what may be: where the
 pressure still falls, nothing is known of a lower P_r. Evidence is the logarithm of the ratio of the halves' mean
 likelihoods; the best filter tells how severe it is.
@@ -27,10 +28,11 @@ FloatArray = NDArray[np.float64]
 
 LEAST_REGULATED = 0.08
 """P_r over what it should be (gauge) below which a regulator does not sag any more: nothing comes, by either name."""
-REGULATED: FloatArray = np.arange(0.1, 0.95, 0.07)
+REGULATED: FloatArray = np.arange(0.1, 0.93, 0.03)
 """P_r over what it should be (gauge), of the filters for a sag."""
 CONDUCTANCE: FloatArray = np.array([0.0, 0.01, 0.03, 0.06, 0.12, 0.25, 0.5])
 """c of the filters for a loss."""
+_STATES = 3
 _SAGS, _FILTERS = len(REGULATED), len(REGULATED) + len(CONDUCTANCE)
 
 
@@ -41,24 +43,28 @@ def _bank() -> tuple[FloatArray, FloatArray]:
 
 
 _BEGINS, _KNOWN = _bank()
-_DRIFT = 1e-4
-"""Deviation of the change of the second state in a cycle."""
-_DRAW_ERROR, _LEAST_ERROR_Pa = 0.15, 200.0
-"""Of the pressure's change in a cycle: share of what was drawn, and what is always there."""
+_DRIFT = (1e-3, 1e-4)
+"""Deviation of the change of P_r and of c in a cycle; a pressure that still falls teaches P_r too early."""
+_DRAW_KNOWN, _DRAW_ERROR, _LEAST_ERROR_Pa = 0.15, 0.1, 200.0
+"""Deviation of g; of the pressure's change in a cycle: share of what was drawn, and what is always there."""
+_DRAW_FORGOTTEN = 0.03
+"""Share of g's error that is another one a cycle later: each chamber is known otherwise, and they take turns."""
 _WILDEST = 6.0
 """What one reading counts at most."""
 
 SUPPLY = np.dtype(
     [
         ("begun", np.bool_),
-        ("x", np.float64, (_FILTERS, 2)),
-        ("variance", np.float64, (_FILTERS, 3)),
+        ("x", np.float64, (_FILTERS, _STATES)),
+        ("covariance", np.float64, (_FILTERS, _STATES, _STATES)),
         ("cost", np.float64, _FILTERS),
+        ("slope", np.float64, _STATES),
+        ("row", np.float64, _STATES),
     ],
     align=True,
 )
-"""The bank, as a record: `x` absolute pressure and second state of each, `variance` of the one, of both, of the other,
-`cost` the negative logarithm of the likelihood."""
+"""The bank, as a record: `x` absolute pressure, P_r (over the regulated) or c, and g of each; `cost` the negative
+logarithm of the likelihood; scratch."""
 
 
 @njit
@@ -66,8 +72,12 @@ def begin_supply(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> None
     """All filters anew, from a reading (gauge)."""
     own.begun = True
     for f in range(_FILTERS):
-        own.x[f, 0], own.x[f, 1] = reading_Pa + gas.atmosphere_Pa, _BEGINS[f]
-        own.variance[f, 0], own.variance[f, 1], own.variance[f, 2] = noise_Pa * noise_Pa, 0.0, _KNOWN[f] ** 2
+        own.x[f, 0], own.x[f, 1], own.x[f, 2] = reading_Pa + gas.atmosphere_Pa, _BEGINS[f], 1.0
+        for i in range(_STATES):
+            for j in range(_STATES):
+                own.covariance[f, i, j] = 0.0
+        own.covariance[f, 0, 0], own.covariance[f, 1, 1] = noise_Pa * noise_Pa, _KNOWN[f] ** 2
+        own.covariance[f, 2, 2] = _DRAW_KNOWN**2
         own.cost[f] = 0.0
 
 
@@ -78,26 +88,42 @@ def observe_supply(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float, drawn
     error_Pa = _DRAW_ERROR * per_flow * drawn_kg_s
     noise_Pa2 = noise_Pa * noise_Pa
     for f in range(_FILTERS):
-        x, variance, sags = own.x[f], own.variance[f], f < _SAGS
+        x, covariance, sags, slope, row = own.x[f], own.covariance[f], f < _SAGS, own.slope, own.row
         source = gas.atmosphere_Pa + gas.regulated_Pa * (x[1] if sags else 1.0)
         share = 1.0 if sags else x[1]
         feed = by_source = by_own = 0.0
         if source > x[0]:
             feed, by_source, by_own = flow_and_slopes(gas.regulator, gas.critical_ratio, source, x[0])
         damped = 1.0 / (1.0 - per_flow * share * min(by_own, 0.0))
-        after = x[0] + damped * per_flow * (share * feed - drawn_kg_s)
-        by_state = damped * per_flow * (by_source * gas.regulated_Pa if sags else feed)
-        pp, ps, ss = variance[0], variance[1], variance[2] + _DRIFT * _DRIFT
-        pp, ps = damped * (damped * pp + 2.0 * by_state * ps) + by_state * by_state * ss, damped * ps + by_state * ss
-        pp += (damped * error_Pa) ** 2 + _LEAST_ERROR_Pa**2
-        spread_Pa2 = pp + noise_Pa2
+        after = x[0] + damped * per_flow * (share * feed - x[2] * drawn_kg_s)
+        slope[0], slope[2] = damped, -damped * per_flow * drawn_kg_s
+        slope[1] = damped * per_flow * (by_source * gas.regulated_Pa if sags else feed)
+        covariance[1, 1] += _DRIFT[0 if sags else 1] ** 2
+        x[2] += _DRAW_FORGOTTEN * (1.0 - x[2])
+        for j in range(_STATES):
+            covariance[2, j] *= 1.0 - _DRAW_FORGOTTEN
+            covariance[j, 2] *= 1.0 - _DRAW_FORGOTTEN
+        covariance[2, 2] += (1.0 - (1.0 - _DRAW_FORGOTTEN) ** 2) * _DRAW_KNOWN**2
+        # only the pressure moves: the first row and column of the covariance
+        for j in range(_STATES):
+            row[j] = slope[0] * covariance[0, j] + slope[1] * covariance[1, j] + slope[2] * covariance[2, j]
+        spread_Pa2 = row[0] * slope[0] + row[1] * slope[1] + row[2] * slope[2]
+        spread_Pa2 += (damped * error_Pa) ** 2 + _LEAST_ERROR_Pa**2
+        covariance[0, 0] = spread_Pa2
+        covariance[0, 1] = covariance[1, 0] = row[1]
+        covariance[0, 2] = covariance[2, 0] = row[2]
+        spread_Pa2 += noise_Pa2
         off_Pa = reading_Pa + gas.atmosphere_Pa - after
         own.cost[f] += min(0.5 * off_Pa * off_Pa / spread_Pa2, _WILDEST) + 0.5 * math.log(spread_Pa2)
-        x[0] = max(after + pp / spread_Pa2 * off_Pa, 0.2 * gas.atmosphere_Pa)
-        x[1] = min(max(x[1] + ps / spread_Pa2 * off_Pa, LEAST_REGULATED if sags else 0.0), 1.0)
-        variance[0] = pp - pp * pp / spread_Pa2
-        variance[1] = ps - pp * ps / spread_Pa2
-        variance[2] = max(ss - ps * ps / spread_Pa2, 1e-10)
+        for i in range(_STATES):
+            row[i] = covariance[0, i]
+        x[0] = max(after + row[0] / spread_Pa2 * off_Pa, 0.2 * gas.atmosphere_Pa)
+        x[1] = min(max(x[1] + row[1] / spread_Pa2 * off_Pa, LEAST_REGULATED if sags else 0.0), 1.0)
+        x[2] = min(max(x[2] + row[2] / spread_Pa2 * off_Pa, 0.5), 1.5)
+        for i in range(_STATES):
+            for j in range(_STATES):
+                covariance[i, j] -= row[i] * row[j] / spread_Pa2
+            covariance[i, i] = max(covariance[i, i], 1e-10)
 
 
 @njit

@@ -48,6 +48,6 @@ def test_a_regulator_set_lower_is_a_sag_of_that_severity(seed, severity):
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**31), st.floats(0.0, 0.02))
 def test_a_regulator_that_passes_little_is_a_loss_of_that_severity(seed, conductance):
-    evidence, _, loss = followed(seed, conductance=conductance)
+    evidence, _, loss = followed(seed, conductance=conductance, seconds=8.0)
     assert evidence > 10.0
     assert 1.0 - loss == pytest.approx(conductance, abs=0.01)
