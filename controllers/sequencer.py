@@ -34,6 +34,7 @@ from controllers import (
     fault_naming,
     recovery,
     robot_model,
+    supply_observer,
 )
 from controllers.commutation import commanded_direction_rad, shortfall_rad
 from controllers.compensation import compensate
@@ -409,6 +410,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        supply_observer,
         __file__,
     )
 )

@@ -227,7 +227,7 @@ class FaultTimeline:
         return self.faults[: self._struck]
 
 
-# Places in `PneumaticConditions.packed`, for the kernels: four chambers each, then two numbers for the supply.
+# Places in `PneumaticConditions.packed`, for the kernels: four chambers each, but for the two numbers of the supply.
 LEAK_RATIO = 0
 INLET_FACTOR = 4
 EXHAUST_FACTOR = 8
@@ -236,7 +236,8 @@ LAG_FACTOR = 16
 VOLUME_FACTOR = 20
 SUPPLY_FACTOR = 24
 SUPPLY_PRESSURE_FACTOR = 25
-CONDITIONS_SIZE = 26
+WIDENING_1_Pa = 26
+CONDITIONS_SIZE = 30
 
 
 def _healthy_packed() -> NDArray[np.float64]:
@@ -253,7 +254,7 @@ class PneumaticConditions:
     """What is wrong with the pneumatics now; `PneumaticConditions()` is a healthy plant.
 
     All numbers are relative to the valves, so they mean the same for a plant of any size. They live in one
-    array, `packed` (float64[26], the kernel's argument); the properties are views into it, to be read and
+    array, `packed` (float64[30], the kernel's argument); the properties are views into it, to be read and
     written in place.
     """
 
@@ -292,6 +293,11 @@ class PneumaticConditions:
     def volume_factor(self) -> NDArray[np.float64]:
         """[4] volume of the chamber over that of a healthy one of the same strain."""
         return self._four(VOLUME_FACTOR)
+
+    @property
+    def widening_1_Pa(self) -> NDArray[np.float64]:
+        """[4] relative growth of the chamber's volume for each pascal (gauge) that it holds."""
+        return self._four(WIDENING_1_Pa)
 
     @property
     def supply_factor(self) -> float:
