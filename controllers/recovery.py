@@ -32,17 +32,24 @@ _QUARTER_RAD = 0.5 * math.pi
 _BEST_LEAD_RAD = 0.25 * math.pi
 _LEADS = 8
 _NOTHING = 1e-3
+_ROLLED_BACK_RAD = 0.15
+_FORGOTTEN = 0.8  # of a doubt, with each reversal that went well
+_LEVEL_RAD = 0.1  # a curvature so near to upright bends no C to either side
 
 
 class RecoveryTuning(NamedTuple):
     """How recovery is planned, as compiled code takes it."""
 
-    ahead: float = 0.2
+    ahead: float = 0.25
     """How far ahead it plans, over the pressures' lag …"""
     farthest_rad: float = 1.2
     """… and the roll over which it does at most."""
     gain: float = 0.1
     """By how much the other side must give more, over the most that the wanted lead can give."""
+    carries: float = 16.0
+    """Backward curvature that a roll carries the robot past, over what would stop it within a lag …"""
+    borne: float = 0.03
+    """… and what a reversal may begin with at rest."""
     worth: float = 0.6
     """A chamber that can do as much as this is used as it is; a weaker one is worth a reversal."""
     flipped: float = 0.0
@@ -57,6 +64,8 @@ RECOVERY = np.dtype(
     [
         ("reversing", np.bool_),
         ("began_s", np.float64),
+        ("began_rad", np.float64),
+        ("doubt", np.float64),
         ("line_rad", np.float64),
         ("direction_rad", np.float64),
         ("share", np.float64),
@@ -65,7 +74,8 @@ RECOVERY = np.dtype(
     align=True,
 )
 """A plan, as a record: body direction and share of the curvature to command; the moment that it gives, over EI L κ²;
-whether the C is being reversed, since when, and along which body direction."""
+whether the C is being reversed, since when and which roll, and along which body direction. `doubt`, 0 … 1: that
+momentum carries this robot over what pushes it back, learnt from reversals that rolled back."""
 
 
 @njit
@@ -109,7 +119,21 @@ def best_on_side(
         lead -= TURN_RAD * math.floor(lead / TURN_RAD)
         if lead < largest:
             most = _consider(plan, side, forward, lead, roll_rad, strength, most)
+    if plan.share == 0.0:
+        _least_lead(plan, side, forward, first, roll_rad, strength)
+        return 0.0
     return plan.moment
+
+
+@njit
+def _least_lead(plan: Any, side: int, forward: int, first_rad: float, roll_rad: float, strength: FloatArray) -> None:
+    """Where no lead that is wanted can be had: the least beyond that can."""
+    least = _QUARTER_RAD - _LEVEL_RAD
+    for chamber in range(CHAMBERS):
+        lead = first_rad + chamber * _QUARTER_RAD
+        lead -= TURN_RAD * math.floor(lead / TURN_RAD)
+        if lead < least and _consider(plan, side, forward, lead, roll_rad, strength, _NOTHING) > _NOTHING:
+            least = lead
 
 
 @njit
@@ -118,6 +142,21 @@ def _through_straight_rad(bent: FloatArray, strength: FloatArray) -> float:
     first = min(max(-bent[0], -strength[0]), strength[2])
     second = min(max(-bent[1], -strength[1]), strength[3])
     return math.atan2(second, first)
+
+
+@njit
+def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray, share: float) -> float:
+    """How much a reversal along this line would roll the robot back, before the C has flipped.
+
+    What lies across the line does not flip with the C, and lingers: where it pushes back it has to be less than what
+    the part along the line still gives, half of it on the way to straight.
+    """
+    x, y = math.cos(line_rad), math.sin(line_rad)
+    along = bent[0] * x + bent[1] * y
+    upwards = math.sin(roll_rad), math.cos(roll_rad)
+    line_up = along * (upwards[0] * x + upwards[1] * y)
+    up = upwards[0] * bent[0] + upwards[1] * bent[1]
+    return -towards * (up - (1.0 - share) * line_up)
 
 
 @njit
@@ -141,16 +180,20 @@ def plan_roll(
     strength: FloatArray,
     t_s: float,
     lag_s: float,
+    agility_1_s2: float,
 ) -> int:
     """Plan this cycle: the side from now on; `plan` says what to command, `other` is scratch.
 
     forward: +1 to the left, −1 to the right. lead_rad: the largest; what the roll needs of it while the pressures
     follow is no lead any more then. bent (2,): curvature as it is, body frame, over what rolling asks for. strength
-    (4,). lag_s: of the pressures.
+    (4,). lag_s, agility_1_s2: as in `controllers.robot_model`.
     """
     if plan.reversing:
         along = bent[0] * math.cos(plan.line_rad) + bent[1] * math.sin(plan.line_rad)
         plan.reversing = along <= tuning.flipped and t_s - plan.began_s <= tuning.longest * lag_s
+        if not plan.reversing:
+            rolled_back = forward * (roll_rad - plan.began_rad) > _ROLLED_BACK_RAD
+            plan.doubt = min(2.0 * plan.doubt + 0.1, 1.0) if rolled_back else plan.doubt * _FORGOTTEN
     later_rad = rolled_ahead_rad(tuning, rate_rad_s, lag_s)
     if not plan.reversing:
         worth = np.empty(CHAMBERS)
@@ -159,9 +202,13 @@ def plan_roll(
         here = best_on_side(plan, side, forward, lead_rad, roll_rad + later_rad, worth)
         there = best_on_side(other, -side, forward, lead_rad, roll_rad + later_rad, worth)
         if there > here + tuning.gain * 0.5 * math.sin(2.0 * min(lead_rad, _BEST_LEAD_RAD)):
-            side = -side
-            plan.reversing, plan.began_s = True, t_s
-            plan.line_rad = _through_straight_rad(bent, strength)
+            line_rad = _through_straight_rad(bent, strength)
+            trust = 1.0 - plan.doubt
+            carried = -trust * tuning.carries * forward * rate_rad_s / (agility_1_s2 * lag_s)
+            if _rolls_back(line_rad, side * forward, roll_rad, bent, 0.5 * trust) < carried + tuning.borne:
+                side = -side
+                plan.reversing, plan.began_s, plan.line_rad = True, t_s, line_rad
+                plan.began_rad = roll_rad
     if plan.reversing:
         plan.direction_rad, plan.share = plan.line_rad, reach(plan.line_rad, strength)
     else:

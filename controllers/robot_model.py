@@ -51,6 +51,8 @@ class RobotModel(NamedTuple):
     """Way rolled for each radian of roll."""
     lag_s: float
     """By about this a chamber's pressure follows what is asked of it."""
+    agility_1_s2: float
+    """Angular acceleration of the roll where the C and a curvature that rolling asks for stand square to each other."""
     pneumatics: FloatArray
     """`PneumaticsParameters.as_arrays()`."""
     pressure_noise_Pa: float
@@ -81,6 +83,7 @@ def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: 
         float(co_contraction_Pa),
         float(robot.radius_m * coulomb_advance_ratio(half_bend)),
         pressure_lag_s(robot, USE_OF_LIMIT * robot.max_pressure_Pa),
+        float(curvature**2 * law.rest_bending_stiffness_N_m2 * robot.length_m / _rolling_inertia_kg_m2(robot)),
         robot.pneumatics.as_arrays(),
         float(robot.sensors.pressure_noise_Pa),
         np.empty(0) if memory is None else memory.numbers,
@@ -96,6 +99,11 @@ def largest_for_all_chambers_1_m(law: ActuatorLaw, pressure_Pa: float, co_contra
         pressure[chamber] = pressure_Pa
         weakest = min(weakest, float(np.hypot(*law.equilibrium(pressure).curvature_1_m)))
     return weakest
+
+
+def _rolling_inertia_kg_m2(robot: Robot) -> float:
+    """Of a straight robot about the line on which it rolls [kg m²], as of a solid cylinder."""
+    return 1.5 * robot.mass_kg * robot.radius_m**2
 
 
 def pressure_lag_s(robot: Robot, pressure_Pa: float) -> float:

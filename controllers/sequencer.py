@@ -356,6 +356,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
         own.strength,
         t_s,
         parts.model.lag_s,
+        parts.model.agility_1_s2,
     )
     if own.state != _STALLED:
         own.state = _REVERSING if plan.reversing else _DEGRADED
