@@ -11,6 +11,7 @@ import numpy as np
 from controllers.chamber_gas import Gas, gas_of
 from controllers.chamber_observer import OBSERVER, STATES
 from controllers.fault_naming import CANDIDATES, VERDICT, WINDOW, Candidates
+from controllers.supply_observer import SUPPLY
 from softbot.faults import CHAMBER_COUNT, KINDS
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import SensorParameters
@@ -55,6 +56,8 @@ class DetectorTuning:
     supply_low: float = 0.1
     """Share of its gauge pressure by which a supply is too low, over all that the valves can draw."""
     supply_cycles: int = 8
+    supply_lead: float = 10.0
+    """Evidence from which a low supply is called lost and no longer sagging, or the other way round."""
     settle: int = 20
     """Cycles at the start in which nothing is judged."""
 
@@ -86,8 +89,10 @@ class DetectorParts(NamedTuple):
     noise_allowance: float
     noise_at: float
     noise_wildest: float
+    supply_noise_Pa: float
     supply_low_Pa: float
     supply_cycles: int
+    supply_lead: float
     settle: int
 
 
@@ -120,8 +125,7 @@ DETECTOR = np.dtype(
         ("imu_repeats", np.int64),
         ("imu_varied", np.int64),
         ("supply_low", np.int64),
-        ("supply_fed_Pa", np.float64),
-        ("supply_drawn_Pa", np.float64),
+        ("supply_drawn_kg_s", np.float64),
         ("named", np.int64, CHAMBER_COUNT),
         ("severity", np.float64, CHAMBER_COUNT),
         ("named_shared", np.int64, len(KINDS) + 1),
@@ -140,12 +144,13 @@ what the chambers share; `found`: verdicts of this cycle, chamber −1 for none.
 
 
 class DetectorMemory(NamedTuple):
-    """All that a detector remembers: records, of shapes (1,), (4,), (1,) and (4,)."""
+    """All that a detector remembers: records, of shapes (1,), (4,), (1,), (4,) and (1,)."""
 
     own: Any
     observer: Any
     window: Any
     verdict: Any
+    supply: Any
 
 
 def detector_memory() -> DetectorMemory:
@@ -158,6 +163,7 @@ def detector_memory() -> DetectorMemory:
         np.zeros(CHAMBER_COUNT, OBSERVER).view(np.recarray),
         np.zeros(1, WINDOW).view(np.recarray),
         np.zeros(CHAMBER_COUNT, VERDICT).view(np.recarray),
+        np.zeros(1, SUPPLY).view(np.recarray),
     )
 
 
@@ -189,7 +195,9 @@ def parts_of_detector(
         own.noise_allowance,
         own.noise_at,
         own.noise_wildest,
+        max(math.hypot(sensors.supply_noise_Pa, rounding_Pa), _LEAST_NOISE_Pa),
         own.supply_low * parameters.supply_pressure_Pa + 4.0 * sensors.supply_noise_Pa,
         own.supply_cycles,
+        own.supply_lead,
         own.settle,
     )

@@ -36,7 +36,7 @@ _ROWS: dict[FaultKind, tuple[float, float, float, float]] = {
     FaultKind.SENSOR_DROPOUT: (_ALWAYS, 1.0, _NEVER, 0.0),
     FaultKind.SENSOR_SCALE: (_ALWAYS, 1.0, _NEVER, 0.0),
     FaultKind.LINES_SWAPPED: (_ALWAYS, 1.0, _NEVER, 0.0),
-    FaultKind.SUPPLY_LOSS: (_NEVER, 0.0, _ALWAYS, 0.0),
+    FaultKind.SUPPLY_LOSS: (_NEVER, 0.0, 0.995, 0.0),  # a hundredth of the regulator still rolls the robot slowly
     FaultKind.IMU_STUCK: (_NEVER, 0.0, _ALWAYS, 0.0),  # without the roll nobody knows which chamber is due
     FaultKind.IMU_DROPOUT: (_NEVER, 0.0, _ALWAYS, 0.0),
 }

@@ -29,7 +29,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from controllers import chamber_gas, chamber_observer, detector_parts, fault_naming
+from controllers import chamber_gas, chamber_observer, detector_parts, fault_naming, supply_observer
 from controllers.chamber_gas import lagged_opening
 from controllers.chamber_observer import (
     INLET,
@@ -51,6 +51,7 @@ from controllers.detector_parts import (
 )
 from controllers.fault_naming import KEPT, name_fault
 from controllers.interface import Detection
+from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
 from softbot import pneumatics
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
 from softbot.kernel_stamp import kernel_stamp
@@ -195,6 +196,8 @@ def _follow(
     """Move the filters on by a reading, and keep what was seen."""
     own, gas = memory.own[0], parts.gas
     mean, swelling = np.empty(CHAMBER_COUNT), np.empty(CHAMBER_COUNT)
+    own.supply_drawn_kg_s = 0.0
+    supply = own.last_supply_Pa + gas.atmosphere_Pa
     off = abs(step_s - parts.period_s) / parts.period_s
     for c in range(CHAMBER_COUNT):
         volume = chamber_volume_m3[c] + gas.dead_volume_m3[c]
@@ -203,6 +206,8 @@ def _follow(
         own.volume_m3[c] = volume
         own.lagged[c], mean[c] = lagged_opening(gas.lag_s, step_s, own.lagged[c], reading.opening[c])
         observer = memory.observer[c]
+        opened = between(mean[c], own.lagged[c])
+        own.supply_drawn_kg_s += drawn_kg_s(gas, c, observer.x[INLET], opened, supply, observer.x[PRESSURE])
         if observer.deviation_Pa <= 0.0:
             begin_observing(observer, gas, reading.pressure_Pa[c], parts.noise_Pa)
             continue
@@ -212,7 +217,7 @@ def _follow(
             c,
             reading.pressure_Pa[c],
             parts.noise_Pa,
-            own.last_supply_Pa + gas.atmosphere_Pa,
+            supply,
             mean[c],
             own.lagged[c],
             volume,
@@ -373,16 +378,34 @@ def _review(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool)
 
 
 @njit
-def _judge_supply(parts: DetectorParts, own: Any, reading: Any) -> None:
-    """A supply that stands lower than the valves can draw it: it sags, or it is lost and only falls."""
-    if own.named_shared[_SUPPLY_SAG] + own.named_shared[_SUPPLY_LOSS] > 0:
-        return
+def _judge_supply(parts: DetectorParts, memory: DetectorMemory, reading: Any, step_s: float) -> None:
+    """A supply that stands lower than the valves can draw it: it sags, or it is lost.
+
+    A sag is the milder name, and taken while both explain it; afterwards the name follows the evidence.
+    """
+    own, supply = memory.own[0], memory.supply[0]
+    if supply.begun:
+        observe_supply(supply, parts.gas, reading.supply_Pa, parts.supply_noise_Pa, own.supply_drawn_kg_s, step_s)
     if reading.supply_Pa > parts.gas.regulated_Pa - parts.supply_low_Pa:
         own.supply_low = 0
+        known = own.named_shared[_SUPPLY_SAG] + own.named_shared[_SUPPLY_LOSS] > 0
+        supply.begun = supply.begun and known
         return
+    if not supply.begun:
+        begin_supply(supply, parts.gas, reading.supply_Pa, parts.supply_noise_Pa)
     own.supply_low += 1
-    if own.supply_low >= parts.supply_cycles:
-        _tell(own, NO_CHAMBER, _SUPPLY_SAG, 1.0 - reading.supply_Pa / parts.gas.regulated_Pa, 1.0)
+    if own.supply_low < parts.supply_cycles:
+        return
+    evidence, sag, loss = weigh_supply(supply)
+    if evidence > parts.supply_lead:
+        kind, severity = _SUPPLY_LOSS, loss
+    elif evidence < -parts.supply_lead or own.named_shared[_SUPPLY_LOSS] == 0:
+        kind, severity = _SUPPLY_SAG, sag
+    else:
+        return
+    if own.named_shared[kind] == 0:
+        own.named_shared[_SUPPLY_SAG] = own.named_shared[_SUPPLY_LOSS] = 0
+        _tell(own, NO_CHAMBER, kind, severity, 1.0 / (1.0 + math.exp(-min(abs(evidence), 700.0))))
 
 
 @njit
@@ -432,7 +455,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
             if own.held > 0:
                 own.held -= 1
             _judge(parts, memory, reading, own.held == 0)
-            _judge_supply(parts, own, reading)
+            _judge_supply(parts, memory, reading, step_s)
             _judge_imu(parts, own, reading)
         for c in range(CHAMBER_COUNT):
             own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
@@ -443,4 +466,6 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
 
 
 # its own kernels are compiled into it, so that none of them is found in the cache as it was before a change elsewhere
-detect = _compile(kernel_stamp(chamber_gas, chamber_observer, detector_parts, fault_naming, pneumatics, __file__))
+detect = _compile(
+    kernel_stamp(chamber_gas, chamber_observer, detector_parts, fault_naming, supply_observer, pneumatics, __file__)
+)

@@ -154,17 +154,30 @@ kind; of each candidate where it was best: cycle of the onset, severity, chamber
 
 
 class _Scratch(NamedTuple):
-    """What was simulated last: gauge pressures, how far each may be off, and the way that it has come."""
+    """What was simulated last: gauge pressures, how far each may be off, the way that it has come (as far as the
+    pressure still depends on it), and how much of an error at the start is still in it."""
 
     simulated_Pa: FloatArray
     deviation_Pa: FloatArray
     way_Pa: FloatArray
+    start: FloatArray
+    normal: FloatArray
+    """Normal equations of what is fitted, shape (4, 5)."""
 
 
 @njit
 def _cost(error_Pa: float, deviation_Pa: float) -> float:
     ratio = error_Pa / deviation_Pa
     return min(0.5 * ratio * ratio, WORST) + math.log(deviation_Pa)
+
+
+@njit
+def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
+    """The absolute pressure of a chamber's gas after its wall has given way: p (1 + w (p − p_a)) = p before."""
+    if pressure <= gas.atmosphere_Pa or widening_1_Pa <= 0.0:
+        return pressure
+    linear = 1.0 - widening_1_Pa * gas.atmosphere_Pa
+    return (math.sqrt(linear * linear + 4.0 * widening_1_Pa * pressure) - linear) / (2.0 * widening_1_Pa)
 
 
 @njit
@@ -193,7 +206,10 @@ def _simulate(
     elif change == _BOTH:
         inlet *= value
         outlet *= value
-    started, timing_Pa2 = pressure, 0.0
+    way, start, timing_Pa2 = 0.0, 1.0, 0.0
+    if change == _WIDENING:
+        way = _widened(gas, pressure, value) - pressure
+        pressure += way
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         opening, step_s = window.opening[k, chamber], window.step_s[k]
@@ -206,12 +222,14 @@ def _simulate(
         if change == _WIDENING:
             wide = max(pressure - gas.atmosphere_Pa, 0.0)
             volume *= 1.0 + value * (wide + pressure)
-        after, _kept, _a, _b, _l, _flowed = next_pressure(
+        after, kept, _a, _b, _l, _flowed = next_pressure(
             gas, chamber, pressure, window.supply[k], opening, volume, swelling, inlet, outlet, hole, step_s
         )
+        # what the chamber has come to forget of its way, as when it is vented, is no error any more
+        way, start = kept * way + after - pressure, kept * start
         pressure = after
         scratch.simulated_Pa[n] = pressure - gas.atmosphere_Pa
-        scratch.way_Pa[n] = pressure - started
+        scratch.way_Pa[n], scratch.start[n] = way, start
         timing_Pa2 = TIMING_KEPT * timing_Pa2 + window.timing_Pa[k, chamber] ** 2
         scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
 
@@ -232,6 +250,29 @@ def _healthy_cost(window: Any, chamber: int, now: int, since: int, noise_Pa: flo
 
 
 @njit
+def _solve(normal: FloatArray, count: int) -> None:
+    """Normal equations in place; the solution stands in the column after the last. They are positive definite."""
+    for i in range(count):
+        for r in range(count):
+            if r != i:
+                ratio = normal[r, i] / normal[i, i]
+                for j in range(i, count + 1):
+                    normal[r, j] -= ratio * normal[i, j]
+    for i in range(count):
+        normal[i, count] /= normal[i, i]
+
+
+@njit
+def _column(change: int, i: int, scale: float, way_Pa: float, start: float, since_s: float) -> float:
+    """What a unit of the i-th fitted number adds to a reading: model error, then what the sensor adds."""
+    if i == 0:
+        return scale * way_Pa
+    if i == 1:
+        return 1.0 if change == _OFFSET else since_s
+    return 1.0 - start if i == 2 else start
+
+
+@njit
 def _sensor_cost(
     window: Any,
     chamber: int,
@@ -246,39 +287,56 @@ def _sensor_cost(
     """Cost of the readings of `chamber` if its sensor showed the simulated pressure so; the fitted number.
 
     share: deviation of the common factor by which all ways may be wrong; the factor is fitted with that as its prior.
+    A drift has begun earlier: what it had come to at the start, which the filter took for pressure, is fitted as well,
+    and what the filter had not followed yet.
     """
-    simulated_Pa, deviation_Pa, way_Pa = scratch
+    simulated_Pa, deviation_Pa, way_Pa, starts, normal = scratch
     scale = value if change == _SCALE else 1.0
-    fits = change in (_OFFSET, _DRIFT)
-    ww, wb, bb, wr, br = 1.0 / (share * share), 0.0, 0.0, 0.0, 0.0
+    count = 1
+    if change == _OFFSET:
+        count = 2
+    elif change == _DRIFT:
+        count = 4
+    for i in range(count):
+        for j in range(count + 1):
+            normal[i, j] = 0.0
+    normal[0, 0] = 1.0 / (share * share)
+    if count > 1:
+        normal[1, 1] = 1e-12
+    if count > 2:
+        normal[2, 2], normal[3, 3] = 1.0 / _DRIFTED_Pa**2, 1.0 / _START_ERROR_Pa**2
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         weight = 1.0 / (deviation_Pa[n] * deviation_Pa[n])
         off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n]
-        way = scale * way_Pa[n]
-        ww += weight * way * way
-        wr += weight * way * off_Pa
-        if fits:
-            by = 1.0 if change == _OFFSET else since_s
-            wb += weight * way * by
-            bb += weight * by * by
-            br += weight * by * off_Pa
-    determinant = ww * bb - wb * wb
-    if fits and determinant > 0.0:
-        factor, fitted = (wr * bb - br * wb) / determinant, (ww * br - wb * wr) / determinant
-    else:
-        factor, fitted = wr / ww, value
-    factor = min(max(factor, -_MOST_SHARES * share), _MOST_SHARES * share)
-    total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(ww * share * share)
+        for i in range(count):
+            own = weight * _column(change, i, scale, way_Pa[n], starts[n], since_s)
+            normal[i, count] += own * off_Pa
+            for j in range(i + 1):
+                normal[i, j] += own * _column(change, j, scale, way_Pa[n], starts[n], since_s)
+    for i in range(count):
+        for j in range(i + 1, count):
+            normal[i, j] = normal[j, i]
+    information = normal[0, 0]
+    _solve(normal, count)
+    factor = min(max(normal[0, count], -_MOST_SHARES * share), _MOST_SHARES * share)
+    total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(information * share * share)
+    fitted = value if count == 1 else normal[1, count]
+    came = began = 0.0
+    if count > 2:
+        came, began = normal[2, count], normal[3, count]
+        total += 0.5 * (came / _DRIFTED_Pa) ** 2 + 0.5 * (began / _START_ERROR_Pa) ** 2
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         seen_Pa = scale * (simulated_Pa[n] + factor * way_Pa[n]) + offset_Pa
-        if fits:
+        if count > 1:
             seen_Pa += fitted * (1.0 if change == _OFFSET else since_s)
+        if count > 2:
+            seen_Pa += came * (1.0 - starts[n]) + began * starts[n]
         total += _cost(window.reading_Pa[k, chamber] - seen_Pa, deviation_Pa[n])
     return total, fitted
 
@@ -368,7 +426,7 @@ def name_fault(
     otherwise go on from where the last verdict on this chamber found each kind best. Then the kinds that come near the
     best are fitted each.
     """
-    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT))
+    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty((4, 5)))
     longest = min(KEPT - 2, now - oldest)
     healthy = np.full(KEPT, math.nan)
     best, severity = np.full(COUNT, -math.inf), np.zeros(COUNT)
@@ -468,6 +526,8 @@ def name_fault(
     verdict.confidence = 1.0 / total
 
 
+_DRIFTED_Pa, _START_ERROR_Pa = 2.5e3, 600.0
+"""Deviation of what a drift may have come to before the window, and of what the filter had not followed."""
 _LEAST_OFFSET, _MOST_OFFSET = 0.08, 1.3
 _LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.25, 1.5, 0.3
 """Severities of what is fitted to the readings, and how long a drift has to be watched."""

@@ -4,8 +4,8 @@
     priming    armed: bends the robot into a C that lies flat, without lead
     rolling    healthy: the curvature leads the C, the lead regulated for the speed
     stalled    rolling is wanted and does not happen: a dead chamber is needed and recovery is off (or too slow yet)
-    degraded   one chamber is dead: rolls on with the others …
-    reversing  … and reverses the curvature where the dead one would be needed
+    degraded   a chamber is dead or weak: rolls on as `controllers.recovery` plans it with what is left …
+    reversing  … while the curvature is being reversed, where a dead chamber would be needed
     safe       a fault that forbids rolling on: vents and stays until it is ordered to stop
 
 Every quantity it acts on is estimated from the readings. It knows no bus and no twin. `cycle` is the whole of it in
@@ -34,8 +34,9 @@ from controllers import (
     fault_naming,
     recovery,
     robot_model,
+    supply_observer,
 )
-from controllers.commutation import commanded_direction_rad, shortfall_rad
+from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
 from controllers.detector_parts import DetectorMemory, DetectorParts, detector_memory, parts_of_detector
 from controllers.estimation import estimator_memory, follow_bend, follow_roll
@@ -50,7 +51,7 @@ from controllers.interface import (
     SequencerOutput,
     SequencerState,
 )
-from controllers.recovery import REVERSAL, begin_reversal, reversal_due, reversal_over
+from controllers.recovery import RECOVERY, RecoveryTuning, plan_roll, reach
 from controllers.robot_model import RobotModel, pressures_for
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
@@ -94,6 +95,7 @@ class SequencerParts(NamedTuple):
     detector: DetectorParts
     recovers: bool
     lead_rad: float
+    tuning: RecoveryTuning
     answers: FloatArray
     """`controllers.fault_answers.answers()`."""
 
@@ -132,7 +134,8 @@ class SequencerMemory(NamedTuple):
     own: Any
     estimator: Any
     detector: DetectorMemory
-    reversal: Any
+    recovery: Any
+    """Two plans: what is done, and the other side's."""
 
 
 def sequencer_memory() -> SequencerMemory:
@@ -143,7 +146,7 @@ def sequencer_memory() -> SequencerMemory:
         first[name] = math.nan
     first["side"] = 1
     first["strength"] = first["sighted"] = 1.0
-    return SequencerMemory(own, estimator_memory(), detector_memory(), np.zeros(1, REVERSAL).view(np.recarray))
+    return SequencerMemory(own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray))
 
 
 @dataclass(frozen=True)
@@ -176,6 +179,7 @@ class SequencerConfig:
             parts_of_detector(self.robot.pneumatics, self.robot.sensors),
             bool(self.recovery),
             float(self.lead_rad),
+            RecoveryTuning(),
             answers(),
         )
 
@@ -209,9 +213,12 @@ def _c_bend_side(estimate: Any) -> int:
     return 1 if math.cos(direction + estimate.roll_rad) >= 0.0 else -1
 
 
-@njit(cache=True)
-def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float) -> None:
-    pressures_for(parts.model, direction_rad, parts.model.curvature_1_m, own.setpoint_Pa)
+@njit
+def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float, share: float) -> None:
+    pressures_for(parts.model, direction_rad, share * parts.model.curvature_1_m, own.setpoint_Pa)
+    for i in range(CHAMBERS):  # a weak chamber needs more for the same
+        if 0.0 < own.strength[i] < 1.0:
+            own.setpoint_Pa[i] = min(own.setpoint_Pa[i] / own.strength[i], parts.model.pressure_limit_Pa)
     if parts.model.memory.size > 0:
         compensate(parts.model, estimate, own.strength, own.setpoint_Pa)
     for i in range(CHAMBERS):
@@ -224,7 +231,7 @@ def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
     own = memory.own[0]
     own.state, own.entered_s, own.still_since_s = state, t_s, math.nan
     if state in (_DISARMED, _SAFE, _PRIMING):
-        memory.reversal[0].under_way = False
+        memory.recovery[0].reversing = False
         own.lead_integral_rad = 0.0
 
 
@@ -238,11 +245,16 @@ def _dead(own: Any) -> int:
 
 
 @njit(cache=True)
+def _weakened(own: Any) -> bool:
+    return bool(own.strength.min() < 1.0)
+
+
+@njit
 def _rolling_state(parts: SequencerParts, own: Any) -> int:
-    return _DEGRADED if parts.recovers and _dead(own) > 0 else _ROLLING
+    return _DEGRADED if parts.recovers and _weakened(own) else _ROLLING
 
 
-@njit(cache=True)
+@njit
 def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> None:
     """React to what was found: reverse from now on, or fall back to the safe state."""
     own, detector = memory.own[0], memory.detector.own[0]
@@ -272,21 +284,21 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
             own.answered += 1
 
 
-@njit(cache=True)
+@njit
 def _arrived(parts: SequencerParts, own: Any, estimate: Any) -> bool:
     rolled_rad = -own.turn * (estimate.roll_rad - own.roll_at_order_rad)
     return parts.model.advance_m_rad * rolled_rad >= own.distance_m  # False where either is NaN
 
 
-@njit(cache=True)
+@njit
 def _easier_side(own: Any, estimate: Any) -> int:
     """The side on which the living chambers can bend the robot best as it lies."""
-    left = abs(shortfall_rad(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.strength))
-    right = abs(shortfall_rad(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.strength))
-    return 1 if left <= right else -1
+    left = reach(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.strength)
+    right = reach(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.strength)
+    return 1 if left >= right else -1
 
 
-@njit(cache=True)
+@njit
 def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
     own = memory.own[0]
     if t_s == own.entered_s or math.isnan(own.roll_at_order_rad):
@@ -298,20 +310,11 @@ def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
         if bent:
             own.side = _c_bend_side(estimate)
         _enter(memory, _rolling_state(parts, own), t_s)
-    _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, 0.0, estimate.roll_rad))
+    direction = commanded_direction_rad(own.side, 0.0, estimate.roll_rad)
+    _bend_towards(parts, own, estimate, direction, reach(direction, own.strength))
 
 
-@njit(cache=True)
-def _reverse(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
-    own, reversal = memory.own[0], memory.reversal[0]
-    if reversal_over(reversal, t_s, estimate, parts.model.curvature_1_m):
-        own.side = _c_bend_side(estimate)
-        own.lead_integral_rad = 0.0
-        _enter(memory, _DEGRADED, t_s)
-    _bend_towards(parts, own, estimate, reversal.direction_rad)
-
-
-@njit(cache=True)
+@njit
 def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
     own = memory.own[0]
     share = min(1.0, step_s / _STALL_RATE_TIME_S)
@@ -326,23 +329,42 @@ def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, 
         _enter(memory, _STALLED, t_s)
 
 
-@njit(cache=True)
+@njit
 def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
-    own, reversal = memory.own[0], memory.reversal[0]
-    if parts.recovers and reversal_due(estimate, own.side, own.turn, own.strength):
-        begin_reversal(reversal, t_s, estimate, own.side, own.strength)
-        _enter(memory, _REVERSING, t_s)
-        _reverse(parts, memory, estimate, t_s)
-        return
+    own = memory.own[0]
     _watch_stall(parts, memory, estimate, t_s, step_s)
     lead = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
-    direction = commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad)
-    if parts.recovers:
-        direction -= shortfall_rad(direction, own.strength)
-    _bend_towards(parts, own, estimate, direction)
+    if parts.recovers and _weakened(own):
+        _roll_on(parts, memory, estimate, lead, t_s)
+    else:
+        _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad), 1.0)
 
 
-@njit(cache=True)
+@njit
+def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead_rad: float, t_s: float) -> None:
+    """Roll as recovery plans it: degraded, and reversing for as long as the C flips."""
+    own, plan, wanted = memory.own[0], memory.recovery[0], parts.model.curvature_1_m
+    own.side = plan_roll(
+        parts.tuning,
+        plan,
+        memory.recovery[1],
+        own.side,
+        own.turn,
+        lead_rad,
+        estimate.roll_rad,
+        estimate.spin_rad_s,
+        estimate.curvature_1_m / wanted,
+        own.strength,
+        t_s,
+        parts.model.lag_s,
+        parts.model.agility_1_s2,
+    )
+    if own.state != _STALLED:
+        own.state = _REVERSING if plan.reversing else _DEGRADED
+    _bend_towards(parts, own, estimate, plan.direction_rad, plan.share)
+
+
+@njit
 def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: float) -> None:
     own, estimate = memory.own[0], memory.estimator[0]
     for i in range(CHAMBERS):
@@ -360,8 +382,6 @@ def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: flo
         own.entered_s = t_s
     elif own.state == _PRIMING:
         _prime(parts, memory, estimate, t_s)
-    elif own.state == _REVERSING:
-        _reverse(parts, memory, estimate, t_s)
     else:
         _roll(parts, memory, estimate, t_s, step_s)
 
@@ -409,6 +429,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        supply_observer,
         __file__,
     )
 )

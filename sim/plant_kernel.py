@@ -27,12 +27,12 @@ from softbot import actuator_equilibrium, material, plant_conditions, pneumatics
 from softbot.actuator import ActuatorLaw
 from softbot.actuator_equilibrium import solve_strain
 from softbot.cross_section import CHAMBER_ANGLES_RAD
-from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE, VOLUME_FACTOR
+from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE
 from softbot.kernel_entry import Handed, handed
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.memory.chain import advance
-from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, WIDENING_1_Pa, conditions_at
+from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, conditions_at
 from softbot.pneumatics import PRESSURES_SIZE, STATE_SIZE, step_in_place
 from softbot.robot import Robot
 
@@ -179,7 +179,6 @@ def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
             for a in range(3):
                 volume += load[a, i] * own.strain[a]
             own.volume_m3[i] = parts.length_m * volume
-            conditions[VOLUME_FACTOR + i] *= 1.0 + conditions[WIDENING_1_Pa + i] * max(own.pressure_Pa[i], 0.0)
             softened = softened or own.wall_factor[i] != conditions[WALL_FACTOR + i]
         if softened:
             for i in range(CHAMBER_COUNT):

@@ -44,6 +44,7 @@ def scene_of(*assignments: str, duration_s: float = 2.0) -> Scene:
         ('fault=[{t_s=1.0, chamber=0, kind="stuck_open"}]', "solver.duration_s=2.5"),  # the board latches
         ("sequencer.distance_m=0.1", "solver.duration_s=3.0"),
         ('fault=[{t_s=0.9, kind="friction_lost", severity=0.9, ramp_s=0.3}, {t_s=1.2, kind="payload"}]',),
+        ('fault=[{t_s=0.9, kind="obstacle", severity=0.1}]', "solver.duration_s=3.0"),
         ('fault=[{t_s=0.9, chamber=2, kind="sensor_dropout", period_s=0.3}, {t_s=1.2, kind="imu_stuck"}]',),
     ],
 )
