@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite.ir import IRBuilder, Value
 from numba import types
 from numba.core.base import BaseContext
 from numba.core.imputils import impl_ret_borrowed
@@ -22,7 +21,7 @@ def _view(dimensions: int, array: types.Array) -> tuple[Signature, Any]:
         raise TypeError(f"an array without gaps is needed, not {array}")
     result = types.Array(array.dtype, dimensions, "C")
 
-    def code(context: BaseContext, builder: IRBuilder, signature: Signature, arguments: list[Value]) -> Value:
+    def code(context: BaseContext, builder: Any, signature: Signature, arguments: list[Any]) -> Any:
         source = make_array(array)(context, builder, arguments[0])
         view = make_array(result)(context, builder)
         first = [builder.extract_value(source.shape, axis) for axis in range(dimensions - 1)]
