@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from firmware_protocol.codec import dbc_hash, decode
-from firmware_protocol.enumerations import BoardMode, BusState, Health, SafeReason
+from firmware_protocol.enumerations import NO_CHAMBER, BoardMode, BusState, Health, SafeReason
 from firmware_protocol.frame import Frame
+from firmware_protocol.safety import BoardFaultRecord
 
 NewBench = Callable[..., Any]
 REST = (0.0, 0.0, 0.0, 0.0)
@@ -256,4 +257,4 @@ def test_a_bus_that_says_nothing_of_errors_has_none(python_bench: Any) -> None:
 def test_a_failure_of_another_part_is_reported_without_detail_unless_one_is_given(python_bench: Any) -> None:
     bench = python_bench.disarmed()
     bench.rules.report_failure(SafeReason.INTERNAL_ERROR)
-    assert [fault["Detail"] for fault in bench.faults()] == [0]
+    assert bench.rules.faults_to_send[-1] == BoardFaultRecord(SafeReason.INTERNAL_ERROR, NO_CHAMBER, 0)
