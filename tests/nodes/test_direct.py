@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,17 @@ def test_a_run_cut_into_parts_is_the_same_run(gains: PressureLoopGains) -> None:
     expected = whole.advance(150).trace
     found = np.concatenate([parts.advance(n).trace for n in (7, 50, 1, 92)])
     np.testing.assert_array_equal(found, expected)
+
+
+def test_compiled_code_keeps_no_hold_of_arrays(gains: PressureLoopGains) -> None:
+    """The rod's kernel counts no owners, what calls it does: nothing may be left over."""
+    run = DirectRun(scene_of(), gains=gains)
+    run.advance(1)
+    before = [sys.getrefcount(array) for array in (run.twin._memory, run.memory)]
+    for _ in range(10):
+        run.advance(1)
+        run.twin.row()
+    assert [sys.getrefcount(array) for array in (run.twin._memory, run.memory)] == before
 
 
 def test_the_controller_may_believe_in_another_robot(gains: PressureLoopGains) -> None:
