@@ -1,7 +1,7 @@
 """The sequencer: orders and readings in, chamber pressures out. A state machine with named states.
 
     disarmed   nothing is commanded; waits for an order, disarms when the order is done
-    priming    armed: bends the robot into a C that lies flat, without lead
+    priming    armed: chambers that were given up prove themselves; then bends the robot into a C that lies flat
     rolling    healthy: the curvature leads the C, the lead regulated for the speed
     stalled    rolling is wanted and does not happen: a dead chamber is needed and recovery is off (or too slow yet)
     degraded   a chamber is dead or weak: rolls on as `controllers.recovery` plans it with what is left …
@@ -32,6 +32,7 @@ from controllers import (
     fault_answers,
     fault_detection,
     fault_naming,
+    proof,
     recovery,
     robot_model,
 )
@@ -40,7 +41,7 @@ from controllers.compensation import compensate
 from controllers.detector_parts import DetectorMemory, DetectorParts, detector_memory, parts_of_detector
 from controllers.estimation import estimator_memory, follow_bend, follow_roll
 from controllers.fault_answers import BLIND, FORBIDS_FROM, answers, strength_left
-from controllers.fault_detection import detect, detections_of
+from controllers.fault_detection import detect, detections_of, forget_chamber
 from controllers.interface import (
     STATES,
     STRATEGIES,
@@ -50,6 +51,7 @@ from controllers.interface import (
     SequencerOutput,
     SequencerState,
 )
+from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof, proof_memory
 from controllers.recovery import RECOVERY, RecoveryTuning, arch, most_moment, needs_momentum, plan_roll, reach
 from controllers.robot_model import RobotModel, pressures_for
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
@@ -145,6 +147,7 @@ class SequencerMemory(NamedTuple):
     detector: DetectorMemory
     recovery: Any
     """Two plans: what is done, and the other side's."""
+    proof: Any
 
 
 def sequencer_memory() -> SequencerMemory:
@@ -155,7 +158,9 @@ def sequencer_memory() -> SequencerMemory:
         first[name] = math.nan
     first["side"] = 1
     first["strength"] = first["sighted"] = 1.0
-    return SequencerMemory(own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray))
+    return SequencerMemory(
+        own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray), proof_memory()
+    )
 
 
 @dataclass(frozen=True)
@@ -426,7 +431,37 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
 
 
 @njit
-def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: float) -> None:
+def _ask_for_proof(parts: SequencerParts, memory: SequencerMemory) -> None:
+    """At rest, before the robot rolls again: which of the chambers that are not used may prove themselves."""
+    own, proof = memory.own[0], memory.proof[0]
+    proof.chamber = NOT_ANY
+    for i in range(CHAMBERS):
+        lies = parts.answers[memory.detector.own[0].named[i], BLIND] > 0.0
+        proof.owed[i] = 1 if parts.recovers and own.strength[i] <= 0.0 and not lies else 0
+
+
+@njit
+def _proves(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray, t_s: float) -> bool:
+    """Whether a chamber is being tried now; one that has proved itself is used again."""
+    own, proof = memory.own[0], memory.proof[0]
+    if proof.chamber == NOT_ANY:
+        for i in range(CHAMBERS):
+            if proof.owed[i] > 0 and proof.chamber == NOT_ANY:
+                begin_proof(proof, i, t_s)
+    tried = proof.chamber
+    if tried == NOT_ANY:
+        return False
+    test_Pa = TEST_SHARE * parts.model.pressure_limit_Pa
+    outcome = follow_proof(proof, pressure_Pa[tried], test_Pa, t_s, parts.model.lag_s)
+    if outcome == PROVED:
+        forget_chamber(memory.detector, tried)
+    elif outcome == UNDER_WAY and proof.filling:
+        own.setpoint_Pa[tried] = test_Pa
+    return True
+
+
+@njit
+def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray, t_s: float, step_s: float) -> None:
     own, estimate = memory.own[0], memory.estimator[0]
     for i in range(CHAMBERS):
         own.setpoint_Pa[i] = 0.0
@@ -437,9 +472,12 @@ def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: flo
             _enter(memory, _DISARMED, t_s)
     elif own.state == _DISARMED:
         _enter(memory, _PRIMING, t_s)
+        _ask_for_proof(parts, memory)
     elif not own.armed:
         if own.state != _PRIMING:  # the board fell back to its safe state: begin anew
             _enter(memory, _PRIMING, t_s)
+        own.entered_s = t_s
+    elif own.state == _PRIMING and _proves(parts, memory, pressure_Pa, t_s):
         own.entered_s = t_s
     elif own.state == _PRIMING:
         _prime(parts, memory, estimate, t_s)
@@ -461,7 +499,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         else:
             detect(parts.detector, memory.detector, reading, estimate.volume_m3)
         _answer(parts, memory, reading[0], t_s)
-        _act(parts, memory, t_s, step_s)
+        _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         own.wants_armed = own.state != _DISARMED and own.state != _SAFE
         return len(stamp) > 0
 
@@ -487,6 +525,7 @@ cycle = _compile(
         material,
         pneumatics,
         prony,
+        proof,
         recovery,
         residual,
         robot_model,
