@@ -48,6 +48,8 @@ class RecoveryTuning(NamedTuple):
     """… and the roll over which it does at most."""
     lead_with_momentum_rad: float = 1.3
     """The least lead then, whatever is ordered: a robot without way on does not get over the gaps."""
+    brakes_rad: float = 0.6
+    """A roll the wrong way by as much in a lag is braked by keeping the robot bent."""
     gives_up: float = 40.0
     """Lags without a quarter of a turn of progress after which such a robot is stopped."""
     rocks: float = 14.0
@@ -189,7 +191,7 @@ def most_moment(plan: Any, forward: int, lead_rad: float, roll_rad: float, stren
 
 @njit
 def arch(plan: Any, strength: FloatArray) -> None:
-    """Plan the most curvature that can be had, whichever way: a robot that stands upright falls to one side of it."""
+    """Plan the most curvature that can be had, whichever way: it brakes a roll, and from upright falls to one side."""
     strongest = 0
     for i in range(1, CHAMBERS):
         strongest = i if strength[i] > strength[strongest] else strongest
@@ -235,7 +237,12 @@ def plan_roll(
         if not plan.reversing:
             rolled_back = forward * (roll_rad - plan.began_rad) > _ROLLED_BACK_RAD
             plan.doubt = min(2.0 * plan.doubt + 0.1, 1.0) if rolled_back else plan.doubt * _FORGOTTEN
-    later_rad = _rolled_ahead_rad(tuning, needs_momentum(strength), forward, rate_rad_s * lag_s)
+    momentum = needs_momentum(strength)
+    if momentum and forward * rate_rad_s * lag_s > tuning.brakes_rad:
+        plan.reversing = False
+        arch(plan, strength)
+        return side
+    later_rad = _rolled_ahead_rad(tuning, momentum, forward, rate_rad_s * lag_s)
     if not plan.reversing:
         worth = np.empty(CHAMBERS)
         for i in range(CHAMBERS):
