@@ -42,16 +42,26 @@ class RecoveryTuning(NamedTuple):
 
     ahead: float = 0.25
     """How far ahead it plans, over the pressures' lag …"""
+    ahead_with_momentum: float = 1.0
+    """… where statics leave gaps that momentum has to carry the robot over …"""
     farthest_rad: float = 1.2
     """… and the roll over which it does at most."""
+    lead_with_momentum_rad: float = 1.3
+    """The least lead then, whatever is ordered: a robot without way on does not get over the gaps."""
+    brakes_rad: float = 0.6
+    """A roll the wrong way by as much in a lag is braked by keeping the robot bent."""
+    gives_up: float = 40.0
+    """Lags without a quarter of a turn of progress after which such a robot is stopped."""
+    rocks: float = 14.0
+    """Lags for which it is rolled back at most, for a run-up."""
     gain: float = 0.1
     """By how much the other side must give more, over the most that the wanted lead can give."""
     carries: float = 16.0
     """Backward curvature that a roll carries the robot past, over what would stop it within a lag …"""
     borne: float = 0.03
     """… and what a reversal may begin with at rest."""
-    worth: float = 0.6
-    """A chamber that can do as much as this is used as it is; a weaker one is worth a reversal."""
+    worth: float = 0.9
+    """A chamber that can do less is not relied on: the C is reversed as if it were dead, and it adds what it can."""
     flipped: float = 0.0
     """Share of the wanted curvature that must have grown on the other side before the command leaves the line."""
     least_lead_rad: float = 0.05
@@ -149,7 +159,6 @@ def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray
     """How much a reversal along this line would roll the robot back, before the C has flipped.
 
     What lies across the line does not flip with the C, and lingers: where it pushes back it has to be less than what
-    the part along the line still gives, half of it on the way to straight.
     """
     x, y = math.cos(line_rad), math.sin(line_rad)
     along = bent[0] * x + bent[1] * y
@@ -160,9 +169,43 @@ def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray
 
 
 @njit
-def rolled_ahead_rad(tuning: RecoveryTuning, rate_rad_s: float, lag_s: float) -> float:
-    """The roll until the pressures have followed [rad]."""
-    ahead = tuning.ahead * rate_rad_s * lag_s
+def needs_momentum(strength: FloatArray) -> bool:
+    """Whether statics leave gaps in the roll: with more than one dead chamber.
+
+    Two adjacent ones leave a quarter plane of curvatures without its opposite, two opposite ones a line without a
+    sweep, three a ray: somewhere in a revolution no curvature that can be had has a forward moment.
+    """
+    dead = 0
+    for i in range(CHAMBERS):
+        dead += 1 if strength[i] <= 0.0 else 0
+    return dead > 1
+
+
+@njit
+def most_moment(plan: Any, forward: int, lead_rad: float, roll_rad: float, strength: FloatArray) -> float:
+    """The most moment of both sides at this roll, over the most that this lead gives at all."""
+    left = best_on_side(plan, 1, forward, lead_rad, roll_rad, strength)
+    right = best_on_side(plan, -1, forward, lead_rad, roll_rad, strength)
+    return max(left, right) / (0.5 * math.sin(2.0 * min(lead_rad, _BEST_LEAD_RAD)))
+
+
+@njit
+def arch(plan: Any, strength: FloatArray) -> None:
+    """Plan the most curvature that can be had, whichever way: it brakes a roll, and from upright falls to one side."""
+    strongest = 0
+    for i in range(1, CHAMBERS):
+        strongest = i if strength[i] > strength[strongest] else strongest
+    plan.direction_rad = wrapped(math.pi + strongest * _QUARTER_RAD)
+    plan.share = strength[strongest]
+
+
+@njit
+def _rolled_ahead_rad(tuning: RecoveryTuning, momentum: bool, forward: int, turned_rad: float) -> float:
+    """The roll to plan for, beyond where the robot is; `turned_rad`: in a lag."""
+    if momentum:
+        ahead = tuning.ahead_with_momentum * (0.0 if forward * turned_rad > 0.0 else turned_rad)  # no push too early
+    else:
+        ahead = tuning.ahead * turned_rad
     return min(max(ahead, -tuning.farthest_rad), tuning.farthest_rad)
 
 
@@ -194,11 +237,16 @@ def plan_roll(
         if not plan.reversing:
             rolled_back = forward * (roll_rad - plan.began_rad) > _ROLLED_BACK_RAD
             plan.doubt = min(2.0 * plan.doubt + 0.1, 1.0) if rolled_back else plan.doubt * _FORGOTTEN
-    later_rad = rolled_ahead_rad(tuning, rate_rad_s, lag_s)
+    momentum = needs_momentum(strength)
+    if momentum and forward * rate_rad_s * lag_s > tuning.brakes_rad:
+        plan.reversing = False
+        arch(plan, strength)
+        return side
+    later_rad = _rolled_ahead_rad(tuning, momentum, forward, rate_rad_s * lag_s)
     if not plan.reversing:
         worth = np.empty(CHAMBERS)
         for i in range(CHAMBERS):
-            worth[i] = strength[i] if strength[i] < tuning.worth else 1.0
+            worth[i] = 1.0 if strength[i] >= tuning.worth else 0.0
         here = best_on_side(plan, side, forward, lead_rad, roll_rad + later_rad, worth)
         there = best_on_side(other, -side, forward, lead_rad, roll_rad + later_rad, worth)
         if there > here + tuning.gain * 0.5 * math.sin(2.0 * min(lead_rad, _BEST_LEAD_RAD)):
