@@ -20,19 +20,8 @@ from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET, PRESSURE, STATES, between
-from softbot.faults import (
-    CHAMBER_COUNT,
-    KIND_CODES,
-    KINDS,
-    LEAK_CONDUCTANCE_RATIO,
-    RUPTURE_CONDUCTANCE_RATIO,
-    SENSOR_SCALE_LOSS,
-    VALVE_SLOWNESS,
-    BALLOON_VOLUME_1_Pa,
-    FaultKind,
-    SENSOR_DRIFT_Pa_s,
-    SENSOR_OFFSET_Pa,
-)
+from controllers.fault_candidates import COUNT, Candidates, Change
+from softbot.faults import CHAMBER_COUNT, KINDS, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
 
 FloatArray = NDArray[np.float64]
 
@@ -50,64 +39,12 @@ TIMING_KEPT = 0.9
 """Share of what a valve's moving may have made of the pressure that is still there a cycle later, squared."""
 WORST = 12.0
 """Cost of one reading at most: however wild, it is no proof."""
-RUPTURE_FROM = 2.0
-"""Hole over the supply valve's conductance from which a leak is called a rupture: no useful pressure is held."""
-
-# how a candidate changes the chamber
-_HOLE, _INLET, _OUTLET, _BOTH, _FORCED, _LAG, _WIDENING, _SCALE, _OFFSET, _DRIFT, _SWAP = range(11)
+_HOLE, _INLET, _OUTLET, _BOTH = int(Change.HOLE), int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
+_FORCED, _LAG, _WIDENING = int(Change.FORCED), int(Change.LAG), int(Change.WIDENING)
+_SCALE, _OFFSET, _DRIFT, _SWAP = int(Change.SCALE), int(Change.OFFSET), int(Change.DRIFT), int(Change.SWAP)
 
 
-class Candidates(NamedTuple):
-    """The library as it is played: a row for each kind."""
-
-    kind: NDArray[np.int64]
-    change: NDArray[np.int64]
-    base: FloatArray
-    """Of the value that the change takes (hole ratio, what is left of a path, forced opening, factor of the lag,
-    widening, scale) at no severity …"""
-    slope: FloatArray
-    """… and with each unit of it."""
-    severity: FloatArray
-    """That are tried at first, shape (kinds, 4)."""
-    least: FloatArray
-    most: FloatArray
-    """Bounds of the severity."""
-    prior: FloatArray
-    """Logarithm."""
-
-
-def _candidates() -> Candidates:
-    rows = (
-        (FaultKind.LEAK, _HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.05, 1.6, -6.0),
-        (FaultKind.RUPTURE, _HOLE, 0.0, RUPTURE_CONDUCTANCE_RATIO, (0.22, 0.35, 0.6, 1.0), 0.18, 1.0, -1.0),
-        (FaultKind.BLOCKED_INLET, _INLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
-        (FaultKind.BLOCKED_EXHAUST, _OUTLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
-        (FaultKind.KINKED_LINE, _BOTH, 1.0, -1.0, (0.45, 0.65, 0.8, 0.92), 0.25, 0.96, -1.0),
-        (FaultKind.STUCK_CLOSED, _FORCED, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 0.0),
-        (FaultKind.STUCK_OPEN, _FORCED, 0.0, 1.0, (0.1, 0.25, 0.5, 1.0), 0.05, 1.0, -1.0),
-        (FaultKind.VALVE_SLOW, _LAG, 1.0, VALVE_SLOWNESS, (0.12, 0.25, 0.5, 1.0), 0.1, 1.0, -1.0),
-        (FaultKind.BALLOONING, _WIDENING, 0.0, BALLOON_VOLUME_1_Pa, (0.2, 0.4, 0.65, 1.0), 0.15, 1.0, -2.0),
-        (FaultKind.SENSOR_SCALE, _SCALE, 1.0, -SENSOR_SCALE_LOSS, (0.2, 0.4, 0.6, 0.9), 0.15, 1.0, -1.0),
-        (FaultKind.SENSOR_OFFSET, _OFFSET, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -1.0),
-        (FaultKind.SENSOR_DRIFT, _DRIFT, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -2.0),
-        (FaultKind.LINES_SWAPPED, _SWAP, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, -2.0),
-    )
-    kind, change, base, slope, severity, least, most, prior = zip(*rows, strict=True)
-    return Candidates(
-        np.array([KIND_CODES[one] for one in kind], dtype=np.int64),
-        np.array(change, dtype=np.int64),
-        np.array(base),
-        np.array(slope),
-        np.array(severity),
-        np.array(least),
-        np.array(most),
-        np.array(prior),
-    )
-
-
-CANDIDATES = _candidates()
 KIND_COUNT = len(KINDS) + 1
-COUNT = len(CANDIDATES.kind)
 
 WINDOW = np.dtype(
     [
@@ -207,6 +144,10 @@ def _simulate(
         inlet *= value
         outlet *= value
     way, start, timing_Pa2 = 0.0, 1.0, 0.0
+    rest_m3 = volume_before = window.volume_m3[at, chamber]
+    if change == _SCALE:
+        for n in range(since):
+            rest_m3 = min(rest_m3, window.volume_m3[(now - n) % KEPT, chamber])
     if change == _WIDENING:
         way = _widened(gas, pressure, value) - pressure
         pressure += way
@@ -219,7 +160,11 @@ def _simulate(
             lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
             opening = between(opening, lagged)
         volume, swelling = window.volume_m3[k, chamber], window.swelling[k, chamber]
-        if change == _WIDENING:
+        if change == _SCALE:  # the shape was reckoned with the pressure that was shown
+            volume = rest_m3 + (volume - rest_m3) / value
+            swelling = (volume - volume_before) / volume
+            volume_before = volume
+        elif change == _WIDENING:
             wide = max(pressure - gas.atmosphere_Pa, 0.0)
             volume *= 1.0 + value * (wide + pressure)
         after, kept, _a, _b, _l, _flowed = next_pressure(
@@ -303,14 +248,17 @@ def _sensor_cost(
     normal[0, 0] = 1.0 / (share * share)
     if count > 1:
         normal[1, 1] = 1e-12
-    if count > 2:
+    usual = 0.0
+    if change == _DRIFT:
+        usual = _USUAL_DRIFT * SENSOR_DRIFT_Pa_s
+        normal[1, 1] = 1.0 / (_DRIFT_SPREAD * SENSOR_DRIFT_Pa_s) ** 2
         normal[2, 2], normal[3, 3] = 1.0 / _DRIFTED_Pa**2, 1.0 / _START_ERROR_Pa**2
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         weight = 1.0 / (deviation_Pa[n] * deviation_Pa[n])
-        off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n]
+        off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n] - usual * since_s
         for i in range(count):
             own = weight * _column(change, i, scale, way_Pa[n], starts[n], since_s)
             normal[i, count] += own * off_Pa
@@ -319,7 +267,7 @@ def _sensor_cost(
     for i in range(count):
         for j in range(i + 1, count):
             normal[i, j] = normal[j, i]
-    information = normal[0, 0]
+    information, by_rate, by_came = normal[0, 0], normal[1, 1], normal[2, 2]
     _solve(normal, count)
     factor = min(max(normal[0, count], -_MOST_SHARES * share), _MOST_SHARES * share)
     total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(information * share * share)
@@ -328,6 +276,10 @@ def _sensor_cost(
     if count > 2:
         came, began = normal[2, count], normal[3, count]
         total += 0.5 * (came / _DRIFTED_Pa) ** 2 + 0.5 * (began / _START_ERROR_Pa) ** 2
+        spread = _DRIFT_SPREAD * SENSOR_DRIFT_Pa_s
+        total += 0.5 * (fitted / spread) ** 2
+        total += 0.5 * math.log(by_rate * spread * spread * by_came * _DRIFTED_Pa**2)  # what was free to be fitted
+        fitted += usual
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
@@ -379,7 +331,7 @@ def _explained(
         _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
         cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)
         return cost, severity
-    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    _simulate(gas, window, chamber, now, since, _SCALE if change == _SCALE else -1, value, scratch, noise_Pa)
     cost, fitted = _sensor_cost(window, chamber, now, since, change, value, offset_Pa, share, scratch)
     if change == _OFFSET:
         severity = fitted / SENSOR_OFFSET_Pa
@@ -387,7 +339,7 @@ def _explained(
             return math.inf, 0.0
     elif change == _DRIFT:
         severity = fitted / SENSOR_DRIFT_Pa_s
-        if not _LEAST_DRIFT < abs(severity) < _MOST_DRIFT or since * window.step_s[now % KEPT] < _LEAST_DRIFT_S:
+        if not _LEAST_DRIFT < severity < _MOST_DRIFT or since * window.step_s[now % KEPT] < _LEAST_DRIFT_S:
             return math.inf, 0.0
     return cost, severity
 
@@ -459,6 +411,8 @@ def name_fault(
                     best[m], since[m], severity[m] = evidence, back, fitted
     for m in range(0 if afresh else COUNT):
         back = now - verdict.onset[m]
+        if verdict.onset[m] > 0 and back > longest and candidates.change[m] not in (_SCALE, _OFFSET, _SWAP):
+            back = longest  # the filter has followed the pressure since, whatever the valves had
         if verdict.onset[m] == 0 or back > longest:
             continue
         since[m], severity[m], where[m] = back, verdict.fitted[m], verdict.where[m]
@@ -474,6 +428,21 @@ def name_fault(
                 gas, window, chamber, now, back, candidates, m, severity[m], noise_Pa, scratch
             )
         best[m] = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+    lead = int(np.argmax(best))
+    for m in range(COUNT):
+        # what came near by another way may come nearer by the best one's: its onset and, for paths, its severity
+        change, back = candidates.change[m], since[lead]
+        if m == lead or change == _SWAP or back == 0 or since[m] == 0:
+            continue
+        value = severity[m]
+        if change in (_INLET, _OUTLET, _BOTH) and candidates.change[lead] in (_INLET, _OUTLET, _BOTH):
+            value = min(max(severity[lead], candidates.least[m]), candidates.most[m])
+        if math.isnan(healthy[back]):
+            healthy[back] = _healthy_cost(window, chamber, now, back, noise_Pa)
+        cost, fitted = _explained(gas, window, chamber, now, back, candidates, m, value, noise_Pa, scratch)
+        evidence = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+        if evidence > best[m]:
+            best[m], since[m], severity[m] = evidence, back, fitted
     top = best.max()
     for m in range(COUNT):
         if candidates.change[m] == _SWAP or since[m] == 0 or best[m] < top - _NEAR:
@@ -529,8 +498,10 @@ def name_fault(
 _DRIFTED_Pa, _START_ERROR_Pa = 2.5e3, 600.0
 """Deviation of what a drift may have come to before the window, and of what the filter had not followed."""
 _LEAST_OFFSET, _MOST_OFFSET = 0.08, 1.3
-_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.25, 1.5, 0.3
+_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.05, 1.6, 0.3
 """Severities of what is fitted to the readings, and how long a drift has to be watched."""
+_USUAL_DRIFT, _DRIFT_SPREAD = 0.6, 0.35
+"""Severity of a drift, and its deviation, before anything is fitted."""
 _NEAR, _FITTING_ROUNDS, _FOLLOWING_ROUNDS = 80.0, 12, 3
 """Evidence behind the best within which a kind is fitted, and how often its severity and onset are moved, at first and
 later on."""
