@@ -35,6 +35,9 @@ class Gas(NamedTuple):
     dead_volume_m3: FloatArray
     regulated_Pa: float
     """Gauge pressure of the supply when nothing is wrong."""
+    regulator: float
+    """Flow coefficient of the supply's regulator."""
+    manifold_m3: float
 
 
 def gas_of(parameters: PneumaticsParameters) -> Gas:
@@ -52,6 +55,8 @@ def gas_of(parameters: PneumaticsParameters) -> Gas:
         exhaust,
         np.array(parameters.dead_volume_m3),
         parameters.supply_pressure_Pa,
+        flow_coefficient(parameters.regulator_conductance_m3_s_Pa, parameters.temperature_K),
+        parameters.manifold_volume_m3,
     )
 
 

@@ -10,7 +10,10 @@ import numpy as np
 
 from controllers.chamber_gas import Gas, gas_of
 from controllers.chamber_observer import OBSERVER, STATES
-from controllers.fault_naming import CANDIDATES, VERDICT, WINDOW, Candidates
+from controllers.fault_candidates import CANDIDATES, Candidates
+from controllers.fault_following import FOLLOWER
+from controllers.fault_naming import VERDICT, WINDOW
+from controllers.supply_observer import SUPPLY
 from softbot.faults import CHAMBER_COUNT, KINDS
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import SensorParameters
@@ -43,7 +46,11 @@ class DetectorTuning:
     patience_ends: int = 60
     review: int = 90
     lead_again: float = 6.0
-    """How long after the suspicion a name is looked at again, and the lead by which another one takes its place."""
+    lead_later: float = 10.0
+    """How long after the suspicion a name is looked at again, and the leads by which another one takes its place: then,
+    and while the chamber is followed."""
+    probe_cycles: int = 10
+    """Length of a test pulse into a chamber that does not vent: whether it fills tells why."""
     repeats: int = 8
     """Equal readings in a row that make a sensor stuck."""
     below: int = 6
@@ -55,6 +62,8 @@ class DetectorTuning:
     supply_low: float = 0.1
     """Share of its gauge pressure by which a supply is too low, over all that the valves can draw."""
     supply_cycles: int = 8
+    supply_lead: float = 10.0
+    """Evidence from which a low supply is called lost and no longer sagging, or the other way round."""
     settle: int = 20
     """Cycles at the start in which nothing is judged."""
 
@@ -81,13 +90,17 @@ class DetectorParts(NamedTuple):
     patience_ends: int
     review: int
     lead_again: float
+    lead_later: float
+    probe_cycles: int
     repeats: int
     below: int
     noise_allowance: float
     noise_at: float
     noise_wildest: float
+    supply_noise_Pa: float
     supply_low_Pa: float
     supply_cycles: int
+    supply_lead: float
     settle: int
 
 
@@ -96,6 +109,7 @@ DETECTOR = np.dtype(
         ("cycle", np.int64),
         ("oldest", np.int64),
         ("held", np.int64),
+        ("rests", np.bool_),
         ("last_t_s", np.float64),
         ("last_supply_Pa", np.float64),
         ("volume_m3", np.float64, CHAMBER_COUNT),
@@ -119,9 +133,10 @@ DETECTOR = np.dtype(
         ("last_imu", np.float64, 6),
         ("imu_repeats", np.int64),
         ("imu_varied", np.int64),
+        ("probe", np.int64, CHAMBER_COUNT),
+        ("probed", np.int64, CHAMBER_COUNT),
         ("supply_low", np.int64),
-        ("supply_fed_Pa", np.float64),
-        ("supply_drawn_Pa", np.float64),
+        ("supply_drawn_kg_s", np.float64),
         ("named", np.int64, CHAMBER_COUNT),
         ("severity", np.float64, CHAMBER_COUNT),
         ("named_shared", np.int64, len(KINDS) + 1),
@@ -133,31 +148,38 @@ DETECTOR = np.dtype(
     ],
     align=True,
 )
-"""What a detector remembers beside its filters, as a record. `rising` and `falling`: the CUSUMs; `alarm`: cycle at
+"""What a detector remembers beside its filters, as a record. `rests`: the board vents all chambers, and only what was
+named is looked at again; `rising` and `falling`: the CUSUMs; `alarm`: cycle at
 which a chamber came to be suspected, −1 if it is not; `trusted`: the filters' states, slowly, while nothing is
 suspected; `named`: the kind by number, 0 none, and its severity; `named_shared`: for each kind whether it was found in
-what the chambers share; `found`: verdicts of this cycle, chamber −1 for none."""
+what the chambers share;
+`probe`: cycles for which a test pulse into a chamber is still asked for; `probed`: when one was asked for last;
+`found`: verdicts of this cycle, chamber −1 for none."""
 
 
 class DetectorMemory(NamedTuple):
-    """All that a detector remembers: records, of shapes (1,), (4,), (1,) and (4,)."""
+    """All that a detector remembers: records, of shapes (1,), (4,), (1,), (4,), (1,) and (4,)."""
 
     own: Any
     observer: Any
     window: Any
     verdict: Any
+    supply: Any
+    follower: Any
 
 
 def detector_memory() -> DetectorMemory:
     """Memory of a detector that has seen nothing."""
     own = np.zeros(1, DETECTOR).view(np.recarray)
     own[0]["last_t_s"] = math.nan
-    own[0]["alarm"] = -1
+    own[0]["alarm"] = own[0]["probed"] = -1
     return DetectorMemory(
         own,
         np.zeros(CHAMBER_COUNT, OBSERVER).view(np.recarray),
         np.zeros(1, WINDOW).view(np.recarray),
         np.zeros(CHAMBER_COUNT, VERDICT).view(np.recarray),
+        np.zeros(1, SUPPLY).view(np.recarray),
+        np.zeros(CHAMBER_COUNT, FOLLOWER).view(np.recarray),
     )
 
 
@@ -184,12 +206,16 @@ def parts_of_detector(
         own.patience_ends,
         own.review,
         own.lead_again,
+        own.lead_later,
+        own.probe_cycles,
         own.repeats,
         own.below,
         own.noise_allowance,
         own.noise_at,
         own.noise_wildest,
+        max(math.hypot(sensors.supply_noise_Pa, rounding_Pa), _LEAST_NOISE_Pa),
         own.supply_low * parameters.supply_pressure_Pa + 4.0 * sensors.supply_noise_Pa,
         own.supply_cycles,
+        own.supply_lead,
         own.settle,
     )

@@ -3,9 +3,10 @@
 A chamber that follows much later than the others slows the roll more than one that is given up (decision 0030), so a
 line that is half closed and a slow valve make a dead chamber.
 
-A row for each kind: the severity from which the chamber is dead (not used any more), whether its sensor is not to be
-believed (the chamber is then taken as vented, and is), the severity from which rolling on is forbidden, and how much of
-its effect a chamber loses for each unit of severity where it is still used.
+A row for each kind: the severity from which the chamber is dead (not used any more), the share of what its sensor is
+believed that is lost each cycle (it comes to be taken as vented, and is; at once where the sensor shows nothing of the
+pressure, while the chamber is vented where it still follows it), the severity from which rolling on is forbidden, and
+how much of its effect a chamber loses for each unit of severity where it is still used.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 DEAD_FROM, BLIND, FORBIDS_FROM, LOSS = range(4)
 _NEVER, _ALWAYS = math.inf, -math.inf
+_FADING = 0.03  # a third of a second, in which a chamber is vented
 
 _ROWS: dict[FaultKind, tuple[float, float, float, float]] = {
     FaultKind.RUPTURE: (_ALWAYS, 0.0, _NEVER, 0.0),
@@ -33,14 +35,14 @@ _ROWS: dict[FaultKind, tuple[float, float, float, float]] = {
     FaultKind.STUCK_OPEN: (_ALWAYS, 0.0, _ALWAYS, 0.0),  # only shutting the supply answers it
     FaultKind.STUCK_CLOSED: (_ALWAYS, 0.0, _NEVER, 0.0),  # the sequencer looks at what it holds
     FaultKind.BALLOONING: (_NEVER, 0.0, _NEVER, BALLOON_LOSS),
-    FaultKind.SENSOR_OFFSET: (_ALWAYS, 1.0, _NEVER, 0.0),
-    FaultKind.SENSOR_DRIFT: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_OFFSET: (_ALWAYS, _FADING, _NEVER, 0.0),
+    FaultKind.SENSOR_DRIFT: (_ALWAYS, _FADING, _NEVER, 0.0),
     FaultKind.SENSOR_NOISE: (_ALWAYS, 1.0, _NEVER, 0.0),
     FaultKind.SENSOR_STUCK: (_ALWAYS, 1.0, _NEVER, 0.0),
     FaultKind.SENSOR_DROPOUT: (_ALWAYS, 1.0, _NEVER, 0.0),
-    FaultKind.SENSOR_SCALE: (_ALWAYS, 1.0, _NEVER, 0.0),
+    FaultKind.SENSOR_SCALE: (_ALWAYS, _FADING, _NEVER, 0.0),
     FaultKind.LINES_SWAPPED: (_ALWAYS, 1.0, _NEVER, 0.0),
-    FaultKind.SUPPLY_LOSS: (_NEVER, 0.0, _ALWAYS, 0.0),
+    FaultKind.SUPPLY_LOSS: (_NEVER, 0.0, 0.995, 0.0),  # a hundredth of the regulator still rolls the robot slowly
     FaultKind.IMU_STUCK: (_NEVER, 0.0, _ALWAYS, 0.0),  # without the roll nobody knows which chamber is due
     FaultKind.IMU_DROPOUT: (_NEVER, 0.0, _ALWAYS, 0.0),
 }

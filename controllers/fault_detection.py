@@ -1,6 +1,6 @@
 """Fault detection: a chamber is watched by its own model, and what surprises the model is named from the library.
 
-Four things stand side by side, each of them compiled, over records:
+Five things stand side by side, each of them compiled, over records:
 
 - A filter for each chamber (`controllers.chamber_observer`) follows pressure, sensor offset and conductances. Its
   innovation over its own deviation feeds a two-sided CUSUM (Page): a chamber is suspected at `alarm_at`. Below that the
@@ -11,6 +11,8 @@ Four things stand side by side, each of them compiled, over records:
   when patience ends. Without such an explanation the suspicion is dropped, and the filter learns on.
 - Faults that no gas can make are told by the readings alone: one that repeats to the last bit, one below vacuum, one
   that jumps to and fro, one that rises while the exhaust is open.
+- A named chamber is followed (`controllers.fault_following`): what it does later may tell the kinds apart, also while
+  the robot rests in its safe state.
 - What the chambers share (supply, inertial unit) has tests of its own, and names no chamber.
 
 Judgement is held while readings are late or missing: over an interval that is not the control period the model is
@@ -29,7 +31,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from controllers import chamber_gas, chamber_observer, detector_parts, fault_naming
+from controllers import (
+    chamber_gas,
+    chamber_observer,
+    detector_parts,
+    fault_candidates,
+    fault_following,
+    fault_naming,
+    supply_observer,
+)
 from controllers.chamber_gas import lagged_opening
 from controllers.chamber_observer import (
     INLET,
@@ -49,8 +59,10 @@ from controllers.detector_parts import (
     detector_memory,
     parts_of_detector,
 )
+from controllers.fault_following import begin_following, follow, give_up, likeliest, resume_following, severity_of
 from controllers.fault_naming import KEPT, name_fault
 from controllers.interface import Detection
+from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
 from softbot import pneumatics
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
 from softbot.kernel_stamp import kernel_stamp
@@ -69,13 +81,16 @@ _BELOW_VACUUM_Pa = -6e3  # gauge: what no sound sensor of a robot in air reads
 _SENSOR_STUCK, _SENSOR_NOISE = KIND_CODES[FaultKind.SENSOR_STUCK], KIND_CODES[FaultKind.SENSOR_NOISE]
 _SENSOR_DROPOUT, _SENSOR_DRIFT = KIND_CODES[FaultKind.SENSOR_DROPOUT], KIND_CODES[FaultKind.SENSOR_DRIFT]
 _LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
+_BLOCKED_EXHAUST, _KINKED_LINE = KIND_CODES[FaultKind.BLOCKED_EXHAUST], KIND_CODES[FaultKind.KINKED_LINE]
+_STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
+_HOLDS_BACK, _LEAST_PROBED_Pa = 0.3, 5e3  # opening of an exhaust and pressure behind it that make a test pulse tell
 _SUPPLY_SAG, _SUPPLY_LOSS = KIND_CODES[FaultKind.SUPPLY_SAG], KIND_CODES[FaultKind.SUPPLY_LOSS]
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
 _LEARNS_BELOW, _TRUSTS_BELOW = 6.0, 3.0  # of the CUSUM: what may be a fault is not to be learnt as a valve's nature
 _TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
 _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
-_COST_OF_COMPANY = 30.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
+_COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
 _VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 1.8e3, 0.05  # cycles of an open exhaust, in which no reading may rise so far
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
 
@@ -132,8 +147,9 @@ def forget_chamber(memory: DetectorMemory, chamber: int) -> None:
     own.severity[chamber] = 0.0
     own.oldest = own.cycle
     _drop(own, chamber)
-    own.repeats[chamber] = own.below[chamber] = 0
+    own.repeats[chamber] = own.below[chamber] = own.probe[chamber] = 0
     own.noise[chamber] = own.owed_Pa[chamber] = 0.0
+    memory.follower[chamber].busy = False
     memory.observer[chamber].deviation_Pa = 0.0  # tells `detect` to begin with it anew
 
 
@@ -156,6 +172,11 @@ def _resume(parts: DetectorParts, memory: DetectorMemory, reading: Any, begins: 
             resume_observing(memory.observer[c], parts.gas, reading.pressure_Pa[c], parts.noise_Pa)
         if begins or forgets or own.alarm[c] >= 0:
             _drop(own, c)
+        follower = memory.follower[c]
+        if follower.busy:
+            resume_following(
+                follower, parts.candidates, parts.gas.atmosphere_Pa, reading.pressure_Pa[c], parts.noise_Pa
+            )
         own.lagged[c] = reading.opening[c]
         own.last_Pa[c] = reading.pressure_Pa[c]
         own.repeats[c] = own.below[c] = 0
@@ -195,6 +216,8 @@ def _follow(
     """Move the filters on by a reading, and keep what was seen."""
     own, gas = memory.own[0], parts.gas
     mean, swelling = np.empty(CHAMBER_COUNT), np.empty(CHAMBER_COUNT)
+    own.supply_drawn_kg_s = 0.0
+    supply = own.last_supply_Pa + gas.atmosphere_Pa
     off = abs(step_s - parts.period_s) / parts.period_s
     for c in range(CHAMBER_COUNT):
         volume = chamber_volume_m3[c] + gas.dead_volume_m3[c]
@@ -203,6 +226,8 @@ def _follow(
         own.volume_m3[c] = volume
         own.lagged[c], mean[c] = lagged_opening(gas.lag_s, step_s, own.lagged[c], reading.opening[c])
         observer = memory.observer[c]
+        opened = between(mean[c], own.lagged[c])
+        own.supply_drawn_kg_s += drawn_kg_s(gas, c, observer.x[INLET], opened, supply, observer.x[PRESSURE])
         if observer.deviation_Pa <= 0.0:
             begin_observing(observer, gas, reading.pressure_Pa[c], parts.noise_Pa)
             continue
@@ -212,7 +237,7 @@ def _follow(
             c,
             reading.pressure_Pa[c],
             parts.noise_Pa,
-            own.last_supply_Pa + gas.atmosphere_Pa,
+            supply,
             mean[c],
             own.lagged[c],
             volume,
@@ -253,9 +278,15 @@ def _tell(own: Any, chamber: int, kind: int, severity: float, confidence: float)
 def _judge(parts: DetectorParts, memory: DetectorMemory, reading: Any, decides: bool) -> None:
     own = memory.own[0]
     for c in range(CHAMBER_COUNT):
+        own.probe[c] = max(own.probe[c] - 1, 0)
         if own.named[c] != 0:
             if own.alarm[c] >= 0:
-                _review(parts, memory, c, decides)
+                _review(parts, memory, reading, c, decides)
+            elif memory.follower[c].busy:
+                _go_on_following(parts, memory, c, decides)
+            continue
+        if own.rests:
+            _drop(own, c)
             continue
         kind = _sensor_alone(parts, own, memory.observer[c], reading.pressure_Pa[c], c)
         if not decides:
@@ -325,6 +356,19 @@ def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) ->
 
 
 @njit
+def _ask_for_probe(parts: DetectorParts, own: Any, verdict: Any, c: int) -> None:
+    """Where a chamber does not vent and only filling it a little would tell why, ask for that."""
+    if own.probed[c] >= own.alarm[c] or verdict.evidence < parts.evidence or own.lagged[c] > -_HOLDS_BACK:
+        return
+    if verdict.kind not in (_BLOCKED_EXHAUST, _KINKED_LINE, _STUCK_CLOSED) or own.last_Pa[c] < _LEAST_PROBED_Pa:
+        return
+    for kind in (_BLOCKED_EXHAUST, _KINKED_LINE, _STUCK_CLOSED):
+        if kind != verdict.kind and verdict.best[verdict.kind] - verdict.best[kind] < parts.lead_again:
+            own.probed[c] = own.cycle
+            own.probe[c] = parts.probe_cycles
+
+
+@njit
 def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     """Look for what explains a suspected chamber, and say it when it is clear."""
     own = memory.own[0]
@@ -337,6 +381,9 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
         return
     verdict = memory.verdict[c]
     _look(parts, memory, c, waited <= parts.confirm + 2 * parts.look_every)
+    _ask_for_probe(parts, own, verdict, c)
+    if own.probe[c] > 0:
+        return
     doubt = memory.window[0].doubt[own.cycle % KEPT, c]
     asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP)
     for other in range(CHAMBER_COUNT):
@@ -350,7 +397,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
 
 
 @njit
-def _review(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool) -> None:
+def _review(parts: DetectorParts, memory: DetectorMemory, reading: Any, c: int, decides: bool) -> None:
     """Look again at a chamber that was named: what it does since then may tell the kinds apart."""
     own = memory.own[0]
     waited = own.cycle - own.alarm[c]
@@ -358,10 +405,21 @@ def _review(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool)
     slid_out = own.cycle - verdict.onset[verdict.candidate] > KEPT - 2  # what explained it best began before the window
     if not decides or waited > parts.review or slid_out:
         _drop(own, c)
+        begin_following(
+            memory.follower[c],
+            parts.candidates,
+            verdict,
+            own.trusted[c],
+            parts.gas.atmosphere_Pa,
+            reading.pressure_Pa[c],
+            own.lagged[c],
+            parts.noise_Pa,
+        )
         return
     if (waited - parts.confirm) % (2 * parts.look_every) != 0:
         return
     _look(parts, memory, c, False)
+    _ask_for_probe(parts, own, verdict, c)
     if verdict.kind == 0 or verdict.evidence < parts.evidence:
         return
     if verdict.kind == own.named[c]:
@@ -373,16 +431,46 @@ def _review(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool)
 
 
 @njit
-def _judge_supply(parts: DetectorParts, own: Any, reading: Any) -> None:
-    """A supply that stands lower than the valves can draw it: it sags, or it is lost and only falls."""
-    if own.named_shared[_SUPPLY_SAG] + own.named_shared[_SUPPLY_LOSS] > 0:
-        return
+def _go_on_following(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool) -> None:
+    """Let every explanation of a named chamber meet the next reading; another one takes its place when it leads."""
+    own, follower = memory.own[0], memory.follower[c]
+    follow(follower, parts.gas, parts.candidates, memory.window[0], c, own.cycle, parts.noise_Pa)
+    m, lead = likeliest(follower, parts.candidates, own.named[c])
+    if decides and lead >= parts.lead_later:
+        severity = severity_of(follower, parts.candidates, m, memory.verdict[c].fitted[m])
+        _tell(own, c, parts.candidates.kind[m], severity, 1.0 / (1.0 + math.exp(-min(lead, 700.0))))
+    give_up(follower)
+
+
+@njit
+def _judge_supply(parts: DetectorParts, memory: DetectorMemory, reading: Any, step_s: float) -> None:
+    """A supply that stands lower than the valves can draw it: it sags, or it is lost.
+
+    A sag is the milder name, and taken while both explain it; afterwards the name follows the evidence.
+    """
+    own, supply = memory.own[0], memory.supply[0]
+    if supply.begun:
+        observe_supply(supply, parts.gas, reading.supply_Pa, parts.supply_noise_Pa, own.supply_drawn_kg_s, step_s)
     if reading.supply_Pa > parts.gas.regulated_Pa - parts.supply_low_Pa:
         own.supply_low = 0
+        known = own.named_shared[_SUPPLY_SAG] + own.named_shared[_SUPPLY_LOSS] > 0
+        supply.begun = supply.begun and known
         return
+    if not supply.begun:
+        begin_supply(supply, parts.gas, reading.supply_Pa, parts.supply_noise_Pa)
     own.supply_low += 1
-    if own.supply_low >= parts.supply_cycles:
-        _tell(own, NO_CHAMBER, _SUPPLY_SAG, 1.0 - reading.supply_Pa / parts.gas.regulated_Pa, 1.0)
+    if own.supply_low < parts.supply_cycles:
+        return
+    evidence, sag, loss = weigh_supply(supply)
+    if evidence > parts.supply_lead:
+        kind, severity = _SUPPLY_LOSS, loss
+    elif evidence < -parts.supply_lead or own.named_shared[_SUPPLY_LOSS] == 0:
+        kind, severity = _SUPPLY_SAG, sag
+    else:
+        return
+    if own.named_shared[kind] == 0:
+        own.named_shared[_SUPPLY_SAG] = own.named_shared[_SUPPLY_LOSS] = 0
+        _tell(own, NO_CHAMBER, kind, severity, 1.0 / (1.0 + math.exp(-min(abs(evidence), 700.0))))
 
 
 @njit
@@ -432,8 +520,9 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
             if own.held > 0:
                 own.held -= 1
             _judge(parts, memory, reading, own.held == 0)
-            _judge_supply(parts, own, reading)
-            _judge_imu(parts, own, reading)
+            if not own.rests:
+                _judge_supply(parts, memory, reading, step_s)
+                _judge_imu(parts, own, reading)
         for c in range(CHAMBER_COUNT):
             own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
         own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
@@ -443,4 +532,16 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
 
 
 # its own kernels are compiled into it, so that none of them is found in the cache as it was before a change elsewhere
-detect = _compile(kernel_stamp(chamber_gas, chamber_observer, detector_parts, fault_naming, pneumatics, __file__))
+detect = _compile(
+    kernel_stamp(
+        chamber_gas,
+        chamber_observer,
+        detector_parts,
+        fault_candidates,
+        fault_following,
+        fault_naming,
+        supply_observer,
+        pneumatics,
+        __file__,
+    )
+)

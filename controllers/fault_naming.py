@@ -20,19 +20,8 @@ from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET, PRESSURE, STATES, between
-from softbot.faults import (
-    CHAMBER_COUNT,
-    KIND_CODES,
-    KINDS,
-    LEAK_CONDUCTANCE_RATIO,
-    RUPTURE_CONDUCTANCE_RATIO,
-    SENSOR_SCALE_LOSS,
-    VALVE_SLOWNESS,
-    BALLOON_VOLUME_1_Pa,
-    FaultKind,
-    SENSOR_DRIFT_Pa_s,
-    SENSOR_OFFSET_Pa,
-)
+from controllers.fault_candidates import COUNT, Candidates, Change
+from softbot.faults import CHAMBER_COUNT, KINDS, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
 
 FloatArray = NDArray[np.float64]
 
@@ -50,64 +39,12 @@ TIMING_KEPT = 0.9
 """Share of what a valve's moving may have made of the pressure that is still there a cycle later, squared."""
 WORST = 12.0
 """Cost of one reading at most: however wild, it is no proof."""
-RUPTURE_FROM = 2.0
-"""Hole over the supply valve's conductance from which a leak is called a rupture: no useful pressure is held."""
-
-# how a candidate changes the chamber
-_HOLE, _INLET, _OUTLET, _BOTH, _FORCED, _LAG, _WIDENING, _SCALE, _OFFSET, _DRIFT, _SWAP = range(11)
+_HOLE, _INLET, _OUTLET, _BOTH = int(Change.HOLE), int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
+_FORCED, _LAG, _WIDENING = int(Change.FORCED), int(Change.LAG), int(Change.WIDENING)
+_SCALE, _OFFSET, _DRIFT, _SWAP = int(Change.SCALE), int(Change.OFFSET), int(Change.DRIFT), int(Change.SWAP)
 
 
-class Candidates(NamedTuple):
-    """The library as it is played: a row for each kind."""
-
-    kind: NDArray[np.int64]
-    change: NDArray[np.int64]
-    base: FloatArray
-    """Of the value that the change takes (hole ratio, what is left of a path, forced opening, factor of the lag,
-    widening, scale) at no severity …"""
-    slope: FloatArray
-    """… and with each unit of it."""
-    severity: FloatArray
-    """That are tried at first, shape (kinds, 4)."""
-    least: FloatArray
-    most: FloatArray
-    """Bounds of the severity."""
-    prior: FloatArray
-    """Logarithm."""
-
-
-def _candidates() -> Candidates:
-    rows = (
-        (FaultKind.LEAK, _HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.05, 1.6, -6.0),
-        (FaultKind.RUPTURE, _HOLE, 0.0, RUPTURE_CONDUCTANCE_RATIO, (0.22, 0.35, 0.6, 1.0), 0.18, 1.0, -1.0),
-        (FaultKind.BLOCKED_INLET, _INLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
-        (FaultKind.BLOCKED_EXHAUST, _OUTLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
-        (FaultKind.KINKED_LINE, _BOTH, 1.0, -1.0, (0.45, 0.65, 0.8, 0.92), 0.25, 0.96, -1.0),
-        (FaultKind.STUCK_CLOSED, _FORCED, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 0.0),
-        (FaultKind.STUCK_OPEN, _FORCED, 0.0, 1.0, (0.1, 0.25, 0.5, 1.0), 0.05, 1.0, -1.0),
-        (FaultKind.VALVE_SLOW, _LAG, 1.0, VALVE_SLOWNESS, (0.12, 0.25, 0.5, 1.0), 0.1, 1.0, -1.0),
-        (FaultKind.BALLOONING, _WIDENING, 0.0, BALLOON_VOLUME_1_Pa, (0.2, 0.4, 0.65, 1.0), 0.15, 1.0, -2.0),
-        (FaultKind.SENSOR_SCALE, _SCALE, 1.0, -SENSOR_SCALE_LOSS, (0.2, 0.4, 0.6, 0.9), 0.15, 1.0, -1.0),
-        (FaultKind.SENSOR_OFFSET, _OFFSET, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -1.0),
-        (FaultKind.SENSOR_DRIFT, _DRIFT, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0), 0.0, 0.0, -2.0),
-        (FaultKind.LINES_SWAPPED, _SWAP, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, -2.0),
-    )
-    kind, change, base, slope, severity, least, most, prior = zip(*rows, strict=True)
-    return Candidates(
-        np.array([KIND_CODES[one] for one in kind], dtype=np.int64),
-        np.array(change, dtype=np.int64),
-        np.array(base),
-        np.array(slope),
-        np.array(severity),
-        np.array(least),
-        np.array(most),
-        np.array(prior),
-    )
-
-
-CANDIDATES = _candidates()
 KIND_COUNT = len(KINDS) + 1
-COUNT = len(CANDIDATES.kind)
 
 WINDOW = np.dtype(
     [
@@ -154,17 +91,30 @@ kind; of each candidate where it was best: cycle of the onset, severity, chamber
 
 
 class _Scratch(NamedTuple):
-    """What was simulated last: gauge pressures, how far each may be off, and the way that it has come."""
+    """What was simulated last: gauge pressures, how far each may be off, the way that it has come (as far as the
+    pressure still depends on it), and how much of an error at the start is still in it."""
 
     simulated_Pa: FloatArray
     deviation_Pa: FloatArray
     way_Pa: FloatArray
+    start: FloatArray
+    normal: FloatArray
+    """Normal equations of what is fitted, shape (4, 5)."""
 
 
 @njit
 def _cost(error_Pa: float, deviation_Pa: float) -> float:
     ratio = error_Pa / deviation_Pa
     return min(0.5 * ratio * ratio, WORST) + math.log(deviation_Pa)
+
+
+@njit
+def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
+    """The absolute pressure of a chamber's gas after its wall has given way: p (1 + w (p − p_a)) = p before."""
+    if pressure <= gas.atmosphere_Pa or widening_1_Pa <= 0.0:
+        return pressure
+    linear = 1.0 - widening_1_Pa * gas.atmosphere_Pa
+    return (math.sqrt(linear * linear + 4.0 * widening_1_Pa * pressure) - linear) / (2.0 * widening_1_Pa)
 
 
 @njit
@@ -193,7 +143,14 @@ def _simulate(
     elif change == _BOTH:
         inlet *= value
         outlet *= value
-    started, timing_Pa2 = pressure, 0.0
+    way, start, timing_Pa2 = 0.0, 1.0, 0.0
+    rest_m3 = volume_before = window.volume_m3[at, chamber]
+    if change == _SCALE:
+        for n in range(since):
+            rest_m3 = min(rest_m3, window.volume_m3[(now - n) % KEPT, chamber])
+    if change == _WIDENING:
+        way = _widened(gas, pressure, value) - pressure
+        pressure += way
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         opening, step_s = window.opening[k, chamber], window.step_s[k]
@@ -203,15 +160,21 @@ def _simulate(
             lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
             opening = between(opening, lagged)
         volume, swelling = window.volume_m3[k, chamber], window.swelling[k, chamber]
-        if change == _WIDENING:
+        if change == _SCALE:  # the shape was reckoned with the pressure that was shown
+            volume = rest_m3 + (volume - rest_m3) / value
+            swelling = (volume - volume_before) / volume
+            volume_before = volume
+        elif change == _WIDENING:
             wide = max(pressure - gas.atmosphere_Pa, 0.0)
             volume *= 1.0 + value * (wide + pressure)
-        after, _kept, _a, _b, _l, _flowed = next_pressure(
+        after, kept, _a, _b, _l, _flowed = next_pressure(
             gas, chamber, pressure, window.supply[k], opening, volume, swelling, inlet, outlet, hole, step_s
         )
+        # what the chamber has come to forget of its way, as when it is vented, is no error any more
+        way, start = kept * way + after - pressure, kept * start
         pressure = after
         scratch.simulated_Pa[n] = pressure - gas.atmosphere_Pa
-        scratch.way_Pa[n] = pressure - started
+        scratch.way_Pa[n], scratch.start[n] = way, start
         timing_Pa2 = TIMING_KEPT * timing_Pa2 + window.timing_Pa[k, chamber] ** 2
         scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
 
@@ -232,6 +195,29 @@ def _healthy_cost(window: Any, chamber: int, now: int, since: int, noise_Pa: flo
 
 
 @njit
+def _solve(normal: FloatArray, count: int) -> None:
+    """Normal equations in place; the solution stands in the column after the last. They are positive definite."""
+    for i in range(count):
+        for r in range(count):
+            if r != i:
+                ratio = normal[r, i] / normal[i, i]
+                for j in range(i, count + 1):
+                    normal[r, j] -= ratio * normal[i, j]
+    for i in range(count):
+        normal[i, count] /= normal[i, i]
+
+
+@njit
+def _column(change: int, i: int, scale: float, way_Pa: float, start: float, since_s: float) -> float:
+    """What a unit of the i-th fitted number adds to a reading: model error, then what the sensor adds."""
+    if i == 0:
+        return scale * way_Pa
+    if i == 1:
+        return 1.0 if change == _OFFSET else since_s
+    return 1.0 - start if i == 2 else start
+
+
+@njit
 def _sensor_cost(
     window: Any,
     chamber: int,
@@ -246,39 +232,63 @@ def _sensor_cost(
     """Cost of the readings of `chamber` if its sensor showed the simulated pressure so; the fitted number.
 
     share: deviation of the common factor by which all ways may be wrong; the factor is fitted with that as its prior.
+    A drift has begun earlier: what it had come to at the start, which the filter took for pressure, is fitted as well,
+    and what the filter had not followed yet.
     """
-    simulated_Pa, deviation_Pa, way_Pa = scratch
+    simulated_Pa, deviation_Pa, way_Pa, starts, normal = scratch
     scale = value if change == _SCALE else 1.0
-    fits = change in (_OFFSET, _DRIFT)
-    ww, wb, bb, wr, br = 1.0 / (share * share), 0.0, 0.0, 0.0, 0.0
+    count = 1
+    if change == _OFFSET:
+        count = 2
+    elif change == _DRIFT:
+        count = 4
+    for i in range(count):
+        for j in range(count + 1):
+            normal[i, j] = 0.0
+    normal[0, 0] = 1.0 / (share * share)
+    if count > 1:
+        normal[1, 1] = 1e-12
+    usual = 0.0
+    if change == _DRIFT:
+        usual = _USUAL_DRIFT * SENSOR_DRIFT_Pa_s
+        normal[1, 1] = 1.0 / (_DRIFT_SPREAD * SENSOR_DRIFT_Pa_s) ** 2
+        normal[2, 2], normal[3, 3] = 1.0 / _DRIFTED_Pa**2, 1.0 / _START_ERROR_Pa**2
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         weight = 1.0 / (deviation_Pa[n] * deviation_Pa[n])
-        off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n]
-        way = scale * way_Pa[n]
-        ww += weight * way * way
-        wr += weight * way * off_Pa
-        if fits:
-            by = 1.0 if change == _OFFSET else since_s
-            wb += weight * way * by
-            bb += weight * by * by
-            br += weight * by * off_Pa
-    determinant = ww * bb - wb * wb
-    if fits and determinant > 0.0:
-        factor, fitted = (wr * bb - br * wb) / determinant, (ww * br - wb * wr) / determinant
-    else:
-        factor, fitted = wr / ww, value
-    factor = min(max(factor, -_MOST_SHARES * share), _MOST_SHARES * share)
-    total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(ww * share * share)
+        off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n] - usual * since_s
+        for i in range(count):
+            own = weight * _column(change, i, scale, way_Pa[n], starts[n], since_s)
+            normal[i, count] += own * off_Pa
+            for j in range(i + 1):
+                normal[i, j] += own * _column(change, j, scale, way_Pa[n], starts[n], since_s)
+    for i in range(count):
+        for j in range(i + 1, count):
+            normal[i, j] = normal[j, i]
+    information, by_rate, by_came = normal[0, 0], normal[1, 1], normal[2, 2]
+    _solve(normal, count)
+    factor = min(max(normal[0, count], -_MOST_SHARES * share), _MOST_SHARES * share)
+    total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(information * share * share)
+    fitted = value if count == 1 else normal[1, count]
+    came = began = 0.0
+    if count > 2:
+        came, began = normal[2, count], normal[3, count]
+        total += 0.5 * (came / _DRIFTED_Pa) ** 2 + 0.5 * (began / _START_ERROR_Pa) ** 2
+        spread = _DRIFT_SPREAD * SENSOR_DRIFT_Pa_s
+        total += 0.5 * (fitted / spread) ** 2
+        total += 0.5 * math.log(by_rate * spread * spread * by_came * _DRIFTED_Pa**2)  # what was free to be fitted
+        fitted += usual
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         seen_Pa = scale * (simulated_Pa[n] + factor * way_Pa[n]) + offset_Pa
-        if fits:
+        if count > 1:
             seen_Pa += fitted * (1.0 if change == _OFFSET else since_s)
+        if count > 2:
+            seen_Pa += came * (1.0 - starts[n]) + began * starts[n]
         total += _cost(window.reading_Pa[k, chamber] - seen_Pa, deviation_Pa[n])
     return total, fitted
 
@@ -321,7 +331,7 @@ def _explained(
         _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
         cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)
         return cost, severity
-    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    _simulate(gas, window, chamber, now, since, _SCALE if change == _SCALE else -1, value, scratch, noise_Pa)
     cost, fitted = _sensor_cost(window, chamber, now, since, change, value, offset_Pa, share, scratch)
     if change == _OFFSET:
         severity = fitted / SENSOR_OFFSET_Pa
@@ -329,7 +339,7 @@ def _explained(
             return math.inf, 0.0
     elif change == _DRIFT:
         severity = fitted / SENSOR_DRIFT_Pa_s
-        if not _LEAST_DRIFT < abs(severity) < _MOST_DRIFT or since * window.step_s[now % KEPT] < _LEAST_DRIFT_S:
+        if not _LEAST_DRIFT < severity < _MOST_DRIFT or since * window.step_s[now % KEPT] < _LEAST_DRIFT_S:
             return math.inf, 0.0
     return cost, severity
 
@@ -368,7 +378,7 @@ def name_fault(
     otherwise go on from where the last verdict on this chamber found each kind best. Then the kinds that come near the
     best are fitted each.
     """
-    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT))
+    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty((4, 5)))
     longest = min(KEPT - 2, now - oldest)
     healthy = np.full(KEPT, math.nan)
     best, severity = np.full(COUNT, -math.inf), np.zeros(COUNT)
@@ -401,6 +411,8 @@ def name_fault(
                     best[m], since[m], severity[m] = evidence, back, fitted
     for m in range(0 if afresh else COUNT):
         back = now - verdict.onset[m]
+        if verdict.onset[m] > 0 and back > longest and candidates.change[m] not in (_SCALE, _OFFSET, _SWAP):
+            back = longest  # the filter has followed the pressure since, whatever the valves had
         if verdict.onset[m] == 0 or back > longest:
             continue
         since[m], severity[m], where[m] = back, verdict.fitted[m], verdict.where[m]
@@ -416,6 +428,21 @@ def name_fault(
                 gas, window, chamber, now, back, candidates, m, severity[m], noise_Pa, scratch
             )
         best[m] = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+    lead = int(np.argmax(best))
+    for m in range(COUNT):
+        # what came near by another way may come nearer by the best one's: its onset and, for paths, its severity
+        change, back = candidates.change[m], since[lead]
+        if m == lead or change == _SWAP or back == 0 or since[m] == 0:
+            continue
+        value = severity[m]
+        if change in (_INLET, _OUTLET, _BOTH) and candidates.change[lead] in (_INLET, _OUTLET, _BOTH):
+            value = min(max(severity[lead], candidates.least[m]), candidates.most[m])
+        if math.isnan(healthy[back]):
+            healthy[back] = _healthy_cost(window, chamber, now, back, noise_Pa)
+        cost, fitted = _explained(gas, window, chamber, now, back, candidates, m, value, noise_Pa, scratch)
+        evidence = EVIDENCE * (healthy[back] - cost) + candidates.prior[m]
+        if evidence > best[m]:
+            best[m], since[m], severity[m] = evidence, back, fitted
     top = best.max()
     for m in range(COUNT):
         if candidates.change[m] == _SWAP or since[m] == 0 or best[m] < top - _NEAR:
@@ -468,9 +495,13 @@ def name_fault(
     verdict.confidence = 1.0 / total
 
 
+_DRIFTED_Pa, _START_ERROR_Pa = 2.5e3, 600.0
+"""Deviation of what a drift may have come to before the window, and of what the filter had not followed."""
 _LEAST_OFFSET, _MOST_OFFSET = 0.08, 1.3
-_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.25, 1.5, 0.3
+_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.05, 1.6, 0.3
 """Severities of what is fitted to the readings, and how long a drift has to be watched."""
+_USUAL_DRIFT, _DRIFT_SPREAD = 0.6, 0.35
+"""Severity of a drift, and its deviation, before anything is fitted."""
 _NEAR, _FITTING_ROUNDS, _FOLLOWING_ROUNDS = 80.0, 12, 3
 """Evidence behind the best within which a kind is fitted, and how often its severity and onset are moved, at first and
 later on."""

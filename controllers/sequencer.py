@@ -30,11 +30,14 @@ from controllers import (
     detector_parts,
     estimation,
     fault_answers,
+    fault_candidates,
     fault_detection,
+    fault_following,
     fault_naming,
     proof,
     recovery,
     robot_model,
+    supply_observer,
 )
 from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
@@ -91,6 +94,7 @@ _CURVATURE_REVERSAL, _SAFE_STOP, _MOMENTUM, _ROCK_FREE = (
 _STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
 _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
 _MOST_ANSWERS = 8
+_PROBE_Pa = 6e3
 
 
 class SequencerParts(NamedTuple):
@@ -136,9 +140,9 @@ SEQUENCER = np.dtype(
 )
 """What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
 distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
-`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `rocking`: rolled back for a run-up,
-since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of STRATEGIES
-taken in this cycle."""
+`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `rocking`: rolled back for a
+run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of
+STRATEGIES taken in this cycle."""
 
 
 class SequencerMemory(NamedTuple):
@@ -282,8 +286,12 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
         left = strength_left(parts.answers, kind, detector.severity[i])
         died = died or (left <= 0.0 < own.strength[i])
         own.strength[i] = left
-        own.sighted[i] = (1.0 - parts.answers[kind, BLIND]) * (left if left > 0.0 else 1.0)
-    for n in range(detector.found):
+        blinds = parts.answers[kind, BLIND]
+        if blinds > 0.0:
+            own.sighted[i] = max(own.sighted[i] - blinds, 0.0)
+        else:
+            own.sighted[i] = left if left > 0.0 else 1.0
+    for n in range(0 if own.state == _SAFE else detector.found):  # in the safe state names may still be corrected
         kind, chamber = detector.found_kind[n], detector.found_chamber[n]
         held_Pa = reading.pressure_Pa[chamber] if kind == _STUCK_CLOSED else 0.0
         holds = held_Pa > _HELD_SHARE * parts.model.pressure_limit_Pa
@@ -488,6 +496,16 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
         _roll(parts, memory, estimate, t_s, step_s)
 
 
+@njit(cache=True)
+def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None:
+    """Ask for a little more pressure where the detector wants to see whether a chamber fills."""
+    own, probe = memory.own[0], memory.detector.own[0].probe
+    for i in range(CHAMBERS):
+        if probe[i] > 0 and own.armed and own.state != _SAFE and own.state != _DISARMED:
+            most_Pa = max(parts.model.pressure_limit_Pa - _PROBE_Pa, 0.0)
+            own.setpoint_Pa[i] = min(max(reading.pressure_Pa[i], 0.0), most_Pa) + _PROBE_Pa
+
+
 def _compile(stamp: str):  # type: ignore[no-untyped-def]
     @njit(cache=True, nogil=True)
     def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
@@ -497,12 +515,11 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         own.last_t_s = t_s
         follow_roll(estimate, reading[0])
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
-        if own.state == _SAFE:
-            memory.detector.own[0].found = 0
-        else:
-            detect(parts.detector, memory.detector, reading, estimate.volume_m3)
+        memory.detector.own[0].rests = own.state == _SAFE
+        detect(parts.detector, memory.detector, reading, estimate.volume_m3)
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
+        _probe(parts, memory, reading[0])
         own.wants_armed = own.state != _DISARMED and own.state != _SAFE
         return len(stamp) > 0
 
@@ -521,7 +538,9 @@ cycle = _compile(
         detector_parts,
         estimation,
         fault_answers,
+        fault_candidates,
         fault_detection,
+        fault_following,
         fault_naming,
         hysteresis,
         line,
@@ -532,6 +551,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        supply_observer,
         __file__,
     )
 )

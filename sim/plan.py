@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from sim.kerb import with_kerb
 from sim.resolution import Choice, Resolution, check_turn, resolve
 from sim.scene import Scene
 from softbot.errors import InputError
@@ -243,6 +244,7 @@ def make_plan(scene: Scene, *, keep: Collection[str] = ()) -> Plan:
         raise InputError(f"no leave-out rule is called {', '.join(sorted(unknown))}")
     if scene.solver.question == "equilibrium":
         _check_rest(scene)
+    scene = with_kerb(scene)
     if scene.solver.twin == "bullet":
         step_s, segments = BULLET[scene.solver.accuracy]
         step_s = scene.solver.step_s or step_s

@@ -27,12 +27,12 @@ from softbot import actuator_equilibrium, material, plant_conditions, pneumatics
 from softbot.actuator import ActuatorLaw
 from softbot.actuator_equilibrium import solve_strain
 from softbot.cross_section import CHAMBER_ANGLES_RAD
-from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE, VOLUME_FACTOR
+from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE
 from softbot.kernel_entry import Handed, handed
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.memory.chain import advance
-from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, WIDENING_1_Pa, conditions_at
+from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, conditions_at
 from softbot.pneumatics import PRESSURES_SIZE, STATE_SIZE, step_in_place
 from softbot.robot import Robot
 
@@ -179,7 +179,6 @@ def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
             for a in range(3):
                 volume += load[a, i] * own.strain[a]
             own.volume_m3[i] = parts.length_m * volume
-            conditions[VOLUME_FACTOR + i] *= 1.0 + conditions[WIDENING_1_Pa + i] * max(own.pressure_Pa[i], 0.0)
             softened = softened or own.wall_factor[i] != conditions[WALL_FACTOR + i]
         if softened:
             for i in range(CHAMBER_COUNT):
@@ -250,7 +249,7 @@ def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
                 state.strain, state.rest_strain, state.stiffness, state.flag, rod.shares, rod.stretches, parts.length_m,
                 parts.twisting_stiffness_N_m2, own.rest, own.stiffness,
             )  # fmt: skip
-            if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows) < 1:
+            if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows, no_rows) < 1:
                 return ROD_LOST
             own.strain[0] = state.strain[-1] if rod.stretches else 1.0
             own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
@@ -264,7 +263,7 @@ rod_period = _compile_rod_period(_STAMP)
 
 def handed_play(rod: RodTwin) -> Handed:
     """The rod's kernel, to be handed to `rod_period`."""
-    return handed(play, rod._memory, rod._layout, rod._physics, HOLD, 1, 1, NO_ROWS)
+    return handed(play, rod._memory, rod._layout, rod._physics, HOLD, 1, 1, NO_ROWS, NO_ROWS)
 
 
 def failure(done: int, t_s: float, pressure_Pa: FloatArray) -> str:

@@ -32,6 +32,7 @@ faults of a scene into what the plant is like at a time. Nothing here is random:
 | `friction_lost`   | the floor keeps 1 - s of its friction                                                  |
 | `friction_high`   | the floor has 1 + 4 s times its friction                                               |
 | `payload`         | a weight of s times the robot's own rests on it, along its length, without inertia     |
+| `obstacle`        | a kerb of s times the robot's radius across its way, a radius ahead of it; it stays    |
 
 A rupture of severity 1 passes ten times what the supply valve does: with the valve fully open the chamber
 stays below 5 % of the supply's gauge pressure. With a leak of severity 1 a chamber still reaches its
@@ -114,6 +115,7 @@ class FaultKind(StrEnum):
     FRICTION_LOST = "friction_lost"
     FRICTION_HIGH = "friction_high"
     PAYLOAD = "payload"
+    OBSTACLE = "obstacle"
 
 
 KIND_CODES: dict[FaultKind, int] = {kind: code for code, kind in enumerate(FaultKind, start=1)}
@@ -131,6 +133,7 @@ SHARED_KINDS = frozenset(
         FaultKind.FRICTION_LOST,
         FaultKind.FRICTION_HIGH,
         FaultKind.PAYLOAD,
+        FaultKind.OBSTACLE,
     }
 )
 """Faults of what the chambers share: they name no chamber."""
@@ -224,7 +227,7 @@ class FaultTimeline:
         return self.faults[: self._struck]
 
 
-# Places in `PneumaticConditions.packed`, for the kernels: four chambers each, then two numbers for the supply.
+# Places in `PneumaticConditions.packed`, for the kernels: four chambers each, but for the two numbers of the supply.
 LEAK_RATIO = 0
 INLET_FACTOR = 4
 EXHAUST_FACTOR = 8
@@ -233,7 +236,8 @@ LAG_FACTOR = 16
 VOLUME_FACTOR = 20
 SUPPLY_FACTOR = 24
 SUPPLY_PRESSURE_FACTOR = 25
-CONDITIONS_SIZE = 26
+WIDENING_1_Pa = 26
+CONDITIONS_SIZE = 30
 
 
 def _healthy_packed() -> NDArray[np.float64]:
@@ -250,7 +254,7 @@ class PneumaticConditions:
     """What is wrong with the pneumatics now; `PneumaticConditions()` is a healthy plant.
 
     All numbers are relative to the valves, so they mean the same for a plant of any size. They live in one
-    array, `packed` (float64[26], the kernel's argument); the properties are views into it, to be read and
+    array, `packed` (float64[30], the kernel's argument); the properties are views into it, to be read and
     written in place.
     """
 
@@ -289,6 +293,11 @@ class PneumaticConditions:
     def volume_factor(self) -> NDArray[np.float64]:
         """[4] volume of the chamber over that of a healthy one of the same strain."""
         return self._four(VOLUME_FACTOR)
+
+    @property
+    def widening_1_Pa(self) -> NDArray[np.float64]:
+        """[4] relative growth of the chamber's volume for each pascal (gauge) that it holds."""
+        return self._four(WIDENING_1_Pa)
 
     @property
     def supply_factor(self) -> float:

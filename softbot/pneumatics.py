@@ -46,6 +46,7 @@ from softbot.faults import (
     SUPPLY_PRESSURE_FACTOR,
     VOLUME_FACTOR,
     PneumaticConditions,
+    WIDENING_1_Pa,
 )
 
 GAS_CONSTANT_AIR_J_kg_K = 287.05
@@ -234,6 +235,27 @@ def valve_mass_flow(
 
 
 @njit(cache=True)
+def _held_gas(capacity: float, widening: float, p: float, atmosphere: float) -> tuple[float, float]:
+    """Gas that a chamber holds at an absolute pressure [kg], and its slope with it. See `_solve_chamber`."""
+    over = p - atmosphere
+    if widening > 0.0 and over > 0.0:
+        return (capacity + widening * over) * p, capacity + widening * (over + p)
+    return capacity * p, capacity
+
+
+@njit(cache=True)
+def _trapped_pressure(held: float, capacity: float, widening: float, atmosphere: float) -> float:
+    """The absolute pressure at which a chamber holds so much gas: `_held_gas` inverted."""
+    p = held / capacity
+    if widening > 0.0 and p > atmosphere:
+        # widening p² + (capacity - widening atmosphere) p = held, in the form that does not cancel
+        linear = capacity - widening * atmosphere
+        root = math.sqrt(linear * linear + 4.0 * widening * held)
+        return 2.0 * held / (linear + root) if linear > 0.0 else (root - linear) / (2.0 * widening)
+    return p
+
+
+@njit(cache=True)
 def _solve_chamber(
     trapped: float,
     capacity: float,
@@ -244,14 +266,16 @@ def _solve_chamber(
     outlet: float,
     b: float,
     dt_s: float,
+    widening: float,
 ) -> tuple[float, float, float, int]:
     """One chamber's pressure at the end of the step for a given manifold pressure (all absolute).
 
-    Solves capacity (p - trapped) = dt [F_in(manifold, p) - F_out(p, atmosphere)], which rises strictly with
-    p. `trapped` is the pressure of the gas if nothing flowed, `capacity` = V/(R T), `inlet` and `outlet`
-    are flow coefficients. Returns p, the flow in, the slope of that flow with the manifold pressure, and 0
-    if converged.
+    Solves m(p) - m(trapped) = dt [F_in(manifold, p) - F_out(p, atmosphere)], which rises strictly with p.
+    m(p) = (capacity + widening max(p - atmosphere, 0)) p is the gas that the chamber holds at p, `trapped` the
+    pressure if nothing flowed, `capacity` = V/(R T) while it has not widened; `inlet` and `outlet` are flow
+    coefficients. Returns p, the flow in, the slope of that flow with the manifold pressure, and 0 if converged.
     """
+    held, _unused = _held_gas(capacity, widening, trapped, atmosphere)
     low = high = trapped
     if inlet > 0.0:
         low, high = min(low, manifold), max(high, manifold)
@@ -264,10 +288,11 @@ def _solve_chamber(
     for _ in range(_MAX_ITERATIONS):
         flow_in, in_m, in_p = flow_and_slopes(inlet, b, manifold, p)
         flow_out, out_p, _unused = flow_and_slopes(outlet, b, p, atmosphere)
-        residual = capacity * (p - trapped) - dt_s * (flow_in - flow_out)
-        stiffness = capacity + dt_s * (out_p - in_p)
+        holds, room = _held_gas(capacity, widening, p, atmosphere)
+        residual = holds - held - dt_s * (flow_in - flow_out)
+        stiffness = room + dt_s * (out_p - in_p)
         # dp/d(manifold) = dt in_m / stiffness, hence the total slope of the flow in:
-        slope = in_m * (capacity + dt_s * out_p) / stiffness
+        slope = in_m * (room + dt_s * out_p) / stiffness
         if residual > 0.0:
             high = p
         else:
@@ -333,8 +358,11 @@ def step_in_place(
         else:
             opening = forced
         state[OPENING + i] = opening
-        volume = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i] + parameters[_DEAD_VOLUME + i]
-        trapped = state[GAS_MASS + i] * gas / volume if volume > 0.0 else math.nan
+        soft = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i]
+        volume, widening = soft + parameters[_DEAD_VOLUME + i], soft * conditions[WIDENING_1_Pa + i]
+        trapped = math.nan
+        if volume > 0.0:
+            trapped = _trapped_pressure(state[GAS_MASS + i], volume / gas, widening / gas, atmosphere)
         if not (trapped > 0.0 and math.isfinite(trapped) and math.isfinite(opening)):
             return 1
         pressure_Pa[i] = trapped  # also the first guess; absolute until the end of this function
@@ -360,9 +388,11 @@ def step_in_place(
             else:
                 outlet = -opening * parameters[_EXHAUST_CONDUCTANCE + i] * conditions[EXHAUST_FACTOR + i]
             outlet = flow_coefficient(outlet + supply * conditions[LEAK_RATIO + i], temperature)
-            capacity = (chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i] + parameters[_DEAD_VOLUME + i]) / gas
+            soft = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i]
+            capacity = (soft + parameters[_DEAD_VOLUME + i]) / gas
+            widening = soft * conditions[WIDENING_1_Pa + i] / gas
             p, flow_in, slope, failed = _solve_chamber(
-                state[GAS_MASS + i] / capacity,
+                _trapped_pressure(state[GAS_MASS + i], capacity, widening, atmosphere),
                 capacity,
                 pressure_Pa[i],
                 manifold,
@@ -371,6 +401,7 @@ def step_in_place(
                 outlet,
                 b,
                 dt_s,
+                widening,
             )
             if failed:
                 return 1
@@ -397,8 +428,9 @@ def step_in_place(
     state[MANIFOLD_MASS] = manifold_capacity * manifold
     pressure_Pa[MANIFOLD_PRESSURE] = manifold - atmosphere
     for i in range(CHAMBER_COUNT):
-        volume = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i] + parameters[_DEAD_VOLUME + i]
-        state[GAS_MASS + i] = volume / gas * pressure_Pa[i]
+        soft = chamber_volume_m3[i] * conditions[VOLUME_FACTOR + i]
+        capacity, widening = (soft + parameters[_DEAD_VOLUME + i]) / gas, soft * conditions[WIDENING_1_Pa + i] / gas
+        state[GAS_MASS + i], _unused = _held_gas(capacity, widening, pressure_Pa[i], atmosphere)
         pressure_Pa[i] -= atmosphere
     return status
 

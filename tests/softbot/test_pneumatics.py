@@ -384,6 +384,7 @@ def test_compiled_kernels_do_what_their_source_says():
     conditions = PneumaticConditions()
     conditions.leak_ratio[1] = 0.5
     conditions.forced_opening[2] = -0.3
+    conditions.widening_1_Pa[:3] = 1e-5
     state = initial_state(DEFAULT, VOLUMES_m3, (10e3, 60e3, 90e3, 0.0))
     arguments = (
         np.array([1.0, 0.4, 0.0, -1.0]),
@@ -401,7 +402,7 @@ def test_compiled_kernels_do_what_their_source_says():
     np.testing.assert_allclose(compiled, source, rtol=1e-12)
     np.testing.assert_allclose(out_compiled, out_source, atol=1e-6)
 
-    chamber = (1.5e5, 5e-10, 1.5e5, 3.5e5, ATMOSPHERE_Pa, 1e-9, 4e-10, 0.3, 0.1)
+    chamber = (1.5e5, 5e-10, 1.5e5, 3.5e5, ATMOSPHERE_Pa, 1e-9, 4e-10, 0.3, 0.1, 2e-15)
     np.testing.assert_allclose(
         pneumatics._solve_chamber(*chamber), pneumatics._solve_chamber.py_func(*chamber), rtol=1e-12
     )
@@ -411,6 +412,24 @@ def test_compiled_kernels_do_what_their_source_says():
         )
         assert valve_mass_flow.py_func(C, 0.3, 4e5, q, 300.0) == valve_mass_flow(C, 0.3, 4e5, q, 300.0)
     assert pneumatics.flow_coefficient.py_func(C, 293.15) == pytest.approx(C * 1.185)
+
+
+@pytest.mark.parametrize("dt_s", [1e-4, 1e-3, 1e-2])
+def test_chamber_that_widens_with_its_pressure_keeps_its_gas_and_does_not_ring(dt_s):
+    conditions, shut = PneumaticConditions(), np.zeros(4)
+    state = initial_state(DEFAULT, VOLUMES_m3, (80e3, 80e3, 80e3, 80e3))
+    conditions.widening_1_Pa[0] = 1.0 / 100e3  # at 80 kPa an explicit step of this would ring for ever
+    seen_Pa = []
+    for _ in range(20):
+        state, pressure_Pa = step(state, shut, True, VOLUMES_m3, dt_s, conditions, DEFAULT)
+        seen_Pa.append(pressure_Pa)
+    after_Pa = np.array(seen_Pa)
+    np.testing.assert_allclose(after_Pa, np.broadcast_to(after_Pa[0], after_Pa.shape), atol=1e-3)
+    dead_m3 = DEFAULT.dead_volume_m3[0]
+    before = (80e3 + ATMOSPHERE_Pa) * (VOLUMES_m3[0] + dead_m3)
+    after = (after_Pa[-1, 0] + ATMOSPHERE_Pa) * (VOLUMES_m3[0] * (1.0 + after_Pa[-1, 0] / 100e3) + dead_m3)
+    assert after == pytest.approx(before, rel=1e-9)
+    np.testing.assert_allclose(after_Pa[-1, 1:4], 80e3, atol=1e-3)
 
 
 @pytest.mark.parametrize("place", [4, 8])
