@@ -284,6 +284,8 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
     for i in range(CHAMBERS):
         kind = detector.named[i]
         left = strength_left(parts.answers, kind, detector.severity[i])
+        if own.state != _DISARMED:  # more only at rest, or proved
+            left = min(left, own.strength[i])
         died = died or (left <= 0.0 < own.strength[i])
         own.strength[i] = left
         blinds = parts.answers[kind, BLIND]
@@ -300,7 +302,7 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
         if (
             detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM]
             or holds
-            or (dies and _dead(own) == CHAMBERS)
+            or (dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1))
         ):
             _enter(memory, _SAFE, t_s)
             answer = _SAFE_STOP
@@ -466,6 +468,7 @@ def _proves(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatAr
     outcome = follow_proof(proof, pressure_Pa[tried], test_Pa, t_s, parts.model.lag_s)
     if outcome == PROVED:
         forget_chamber(memory.detector, tried)
+        own.strength[tried] = 1.0
     elif outcome == UNDER_WAY and proof.filling:
         own.setpoint_Pa[tried] = test_Pa
     return True
