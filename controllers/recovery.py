@@ -127,6 +127,8 @@ def best_on_side(
     most = _NOTHING
     for n in range(_LEADS):
         most = _consider(plan, side, forward, largest * (_LEADS - n) / _LEADS, roll_rad, strength, most)
+        if n == 0 and plan.share == 1.0:
+            return plan.moment  # all the curvature under all the lead: nothing gives more
     first = forward * (roll_rad - side_angle_rad(side))
     for chamber in range(CHAMBERS):  # edges of the rectangle's corners lie where a chamber bends alone
         lead = first + chamber * _QUARTER_RAD
