@@ -29,6 +29,10 @@ OFFSET_DRIFT_Pa, RATIO_DRIFT, HOLE_DRIFT = 1.5, 6e-4, 6e-5
 """Deviation of the change of each in one control period."""
 MODEL_ERROR, SWELLING_ERROR, LEAST_ERROR_Pa = 0.06, 0.4, 60.0
 """Of the pressure's change in one period: share of what flowed, of what swelling did, and what is always there."""
+SWELLING_LASTS = 15.0
+"""Cycles over which the error of swelling is the same: so much the less a chamber that swells teaches of its valves."""
+EMPTY_Pa = 5e3
+"""Gauge pressure up to which a chamber breathes as its volume changes; that does not tell how wide its exhaust is."""
 INLET_RANGE, HOLE_RANGE = (0.3, 2.0), (-0.02, 0.5)
 
 LEAST_MOVE = 0.01
@@ -123,6 +127,8 @@ def observe(
     after, kept, by_inlet, by_outlet, by_hole, flowed = next_pressure(
         gas, chamber, x[PRESSURE], supply, opening, volume_m3, swelling, x[INLET], x[OUTLET], x[HOLE], step_s
     )
+    if x[PRESSURE] < gas.atmosphere_Pa + EMPTY_Pa:
+        by_outlet = by_hole = 0.0
     slope[PRESSURE], slope[OFFSET], slope[INLET], slope[OUTLET], slope[HOLE] = kept, 0.0, by_inlet, by_outlet, by_hole
     # only the pressure moves: the first row and column of the covariance
     for j in range(STATES):
@@ -151,14 +157,15 @@ def observe(
     variance = covariance[0, 0] + 2.0 * covariance[0, OFFSET] + covariance[OFFSET, OFFSET] + noise_Pa * noise_Pa
     own.innovation_Pa, own.deviation_Pa = innovation, math.sqrt(max(variance, 1.0))
     limited = min(max(innovation, -4.0 * own.deviation_Pa), 4.0 * own.deviation_Pa)  # one wild reading teaches little
+    lasting = variance + SWELLING_LASTS * (SWELLING_ERROR * swelled) ** 2
     for i in range(STATES):
-        own.scratch[1, i] = (covariance[i, 0] + covariance[i, OFFSET]) / variance
-        own.scratch[2, i] = covariance[0, i] + covariance[OFFSET, i]
+        own.scratch[1, i] = covariance[0, i] + covariance[OFFSET, i]
     for i in range(STATES):
         if i == 0 or learns:
-            x[i] += own.scratch[1, i] * limited
+            x[i] += own.scratch[1, i] / (variance if i == 0 else lasting) * limited
             for j in range(STATES):
-                covariance[i, j] -= own.scratch[1, i] * own.scratch[2, j]
+                spread = variance if i == 0 or j == 0 else lasting
+                covariance[i, j] -= own.scratch[1, i] * own.scratch[1, j] / spread
                 if not learns:
                     covariance[j, i] = covariance[i, j]
     x[PRESSURE] = max(x[PRESSURE], 0.2 * gas.atmosphere_Pa)

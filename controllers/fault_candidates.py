@@ -64,12 +64,12 @@ class Candidates(NamedTuple):
 
 def _candidates() -> Candidates:
     rows = (
-        (FaultKind.LEAK, Change.HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.05, 1.6, -6.0),
+        (FaultKind.LEAK, Change.HOLE, 0.0, LEAK_CONDUCTANCE_RATIO, (0.1, 0.2, 0.4, 0.9), 0.05, 1.4, -4.0),
         (FaultKind.RUPTURE, Change.HOLE, 0.0, RUPTURE_CONDUCTANCE_RATIO, (0.22, 0.35, 0.6, 1.0), 0.18, 1.0, -1.0),
         (FaultKind.BLOCKED_INLET, Change.INLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
         (FaultKind.BLOCKED_EXHAUST, Change.OUTLET, 1.0, -1.0, (0.45, 0.65, 0.85, 1.0), 0.25, 1.0, -1.0),
         (FaultKind.KINKED_LINE, Change.BOTH, 1.0, -1.0, (0.45, 0.65, 0.8, 0.92), 0.25, 0.96, -1.0),
-        (FaultKind.STUCK_CLOSED, Change.FORCED, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 2.0),
+        (FaultKind.STUCK_CLOSED, Change.FORCED, 0.0, 0.0, (1.0, 1.0, 1.0, 1.0), 1.0, 1.0, 1.5),
         (FaultKind.STUCK_OPEN, Change.FORCED, 0.0, 1.0, (0.1, 0.25, 0.5, 1.0), 0.05, 1.0, -1.0),
         (FaultKind.VALVE_SLOW, Change.LAG, 1.0, VALVE_SLOWNESS, (0.12, 0.25, 0.5, 1.0), 0.1, 1.0, -1.0),
         (FaultKind.BALLOONING, Change.WIDENING, 0.0, BALLOON_VOLUME_1_Pa, (0.2, 0.4, 0.65, 1.0), 0.15, 1.0, -2.0),

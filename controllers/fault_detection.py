@@ -82,7 +82,7 @@ _SENSOR_STUCK, _SENSOR_NOISE = KIND_CODES[FaultKind.SENSOR_STUCK], KIND_CODES[Fa
 _SENSOR_DROPOUT, _SENSOR_DRIFT = KIND_CODES[FaultKind.SENSOR_DROPOUT], KIND_CODES[FaultKind.SENSOR_DRIFT]
 _LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
 _BLOCKED_EXHAUST, _KINKED_LINE = KIND_CODES[FaultKind.BLOCKED_EXHAUST], KIND_CODES[FaultKind.KINKED_LINE]
-_STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
+_LEAK, _STUCK_CLOSED = KIND_CODES[FaultKind.LEAK], KIND_CODES[FaultKind.STUCK_CLOSED]
 _HOLDS_BACK, _LEAST_PROBED_Pa = 0.3, 5e3  # opening of an exhaust and pressure behind it that make a test pulse tell
 _SUPPLY_SAG, _SUPPLY_LOSS = KIND_CODES[FaultKind.SUPPLY_SAG], KIND_CODES[FaultKind.SUPPLY_LOSS]
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
@@ -90,6 +90,7 @@ _LEARNS_BELOW, _TRUSTS_BELOW = 6.0, 3.0  # of the CUSUM: what may be a fault is 
 _TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
 _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
+_COST_OF_LEAK = 8.0  # … for a leak, which any error of the volume looks like a little
 _COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
 _VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 1.8e3, 0.05  # cycles of an open exhaust, in which no reading may rise so far
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
@@ -389,6 +390,8 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     for other in range(CHAMBER_COUNT):
         if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
             asked += _COST_OF_COMPANY
+    if verdict.kind == _LEAK:
+        asked += _COST_OF_LEAK
     if verdict.kind == 0 or verdict.evidence < parts.evidence + asked:
         return
     if verdict.lead < parts.lead and waited < parts.patience:

@@ -21,7 +21,14 @@ from numpy.typing import NDArray
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET, PRESSURE, STATES, between
 from controllers.fault_candidates import COUNT, Candidates, Change
-from softbot.faults import CHAMBER_COUNT, KINDS, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
+from softbot.faults import (
+    BALLOON_LOSS,
+    CHAMBER_COUNT,
+    KINDS,
+    BALLOON_VOLUME_1_Pa,
+    SENSOR_DRIFT_Pa_s,
+    SENSOR_OFFSET_Pa,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -33,6 +40,8 @@ EVIDENCE = 0.7
 """What one reading counts: errors of the model are correlated over a few cycles."""
 SYSTEMATIC_SHARE, SIMULATED_Pa = 0.05, 350.0
 """Deviation of a simulated pressure: of the whole way that it has come, by one common factor, and of each by itself."""
+_SWELLING_SHARE = 0.15
+"""Deviation of the factor of what swelling did: the shape is known by a law and by gains that may be a fifth off."""
 _MOST_SHARES = 2.5
 """Deviations of that factor at most: a way not come at all is no error of the model."""
 TIMING_KEPT = 0.9
@@ -97,9 +106,11 @@ class _Scratch(NamedTuple):
     simulated_Pa: FloatArray
     deviation_Pa: FloatArray
     way_Pa: FloatArray
+    swelled_Pa: FloatArray
+    """… and of that what the chamber's swelling did."""
     start: FloatArray
     normal: FloatArray
-    """Normal equations of what is fitted, shape (4, 5)."""
+    """Normal equations of what is fitted, shape (5, 6)."""
 
 
 @njit
@@ -115,6 +126,18 @@ def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
         return pressure
     linear = 1.0 - widening_1_Pa * gas.atmosphere_Pa
     return (math.sqrt(linear * linear + 4.0 * widening_1_Pa * pressure) - linear) / (2.0 * widening_1_Pa)
+
+
+@njit
+def _growth_m3_Pa(window: Any, chamber: int) -> float:
+    """By how much the shape that is believed makes a chamber larger with each pascal that its sensor shows."""
+    count = volume = shown = both = square = 0.0
+    for k in range(KEPT):
+        if window.volume_m3[k, chamber] > 0.0:
+            v, p = window.volume_m3[k, chamber], window.reading_Pa[k, chamber]
+            count, volume, shown, both, square = count + 1.0, volume + v, shown + p, both + v * p, square + p * p
+    spread = square - shown * shown / max(count, 1.0)
+    return max(both - volume * shown / max(count, 1.0), 0.0) / spread if spread > 0.0 else 0.0
 
 
 @njit
@@ -143,11 +166,10 @@ def _simulate(
     elif change == _BOTH:
         inlet *= value
         outlet *= value
-    way, start, timing_Pa2 = 0.0, 1.0, 0.0
-    rest_m3 = volume_before = window.volume_m3[at, chamber]
-    if change == _SCALE:
-        for n in range(since):
-            rest_m3 = min(rest_m3, window.volume_m3[(now - n) % KEPT, chamber])
+    way, swelled, start, timing_Pa2 = 0.0, 0.0, 1.0, 0.0
+    volume_before, growth_m3_Pa = window.volume_m3[at, chamber], 0.0
+    if change in (_SCALE, _WIDENING):
+        growth_m3_Pa = _growth_m3_Pa(window, chamber)
     if change == _WIDENING:
         way = _widened(gas, pressure, value) - pressure
         pressure += way
@@ -160,21 +182,24 @@ def _simulate(
             lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
             opening = between(opening, lagged)
         volume, swelling = window.volume_m3[k, chamber], window.swelling[k, chamber]
-        if change == _SCALE:  # the shape was reckoned with the pressure that was shown
-            volume = rest_m3 + (volume - rest_m3) / value
+        if change in (_SCALE, _WIDENING):
+            # the shape was reckoned with what was shown, and with a chamber that presses on its wall
+            gauge_Pa = max(pressure - gas.atmosphere_Pa, 0.0)
+            unseen = 1.0 - value if change == _SCALE else -BALLOON_LOSS / BALLOON_VOLUME_1_Pa * value
+            volume += growth_m3_Pa * unseen * gauge_Pa
             swelling = (volume - volume_before) / volume
             volume_before = volume
-        elif change == _WIDENING:
-            wide = max(pressure - gas.atmosphere_Pa, 0.0)
-            volume *= 1.0 + value * (wide + pressure)
+            if change == _WIDENING:
+                volume *= 1.0 + value * (gauge_Pa + pressure)
         after, kept, _a, _b, _l, _flowed = next_pressure(
             gas, chamber, pressure, window.supply[k], opening, volume, swelling, inlet, outlet, hole, step_s
         )
         # what the chamber has come to forget of its way, as when it is vented, is no error any more
         way, start = kept * way + after - pressure, kept * start
+        swelled = kept * swelled - pressure * swelling / (1.0 + swelling)
         pressure = after
         scratch.simulated_Pa[n] = pressure - gas.atmosphere_Pa
-        scratch.way_Pa[n], scratch.start[n] = way, start
+        scratch.way_Pa[n], scratch.swelled_Pa[n], scratch.start[n] = way, swelled, start
         timing_Pa2 = TIMING_KEPT * timing_Pa2 + window.timing_Pa[k, chamber] ** 2
         scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
 
@@ -208,16 +233,6 @@ def _solve(normal: FloatArray, count: int) -> None:
 
 
 @njit
-def _column(change: int, i: int, scale: float, way_Pa: float, start: float, since_s: float) -> float:
-    """What a unit of the i-th fitted number adds to a reading: model error, then what the sensor adds."""
-    if i == 0:
-        return scale * way_Pa
-    if i == 1:
-        return 1.0 if change == _OFFSET else since_s
-    return 1.0 - start if i == 2 else start
-
-
-@njit
 def _sensor_cost(
     window: Any,
     chamber: int,
@@ -231,63 +246,82 @@ def _sensor_cost(
 ) -> tuple[float, float]:
     """Cost of the readings of `chamber` if its sensor showed the simulated pressure so; the fitted number.
 
-    share: deviation of the common factor by which all ways may be wrong; the factor is fitted with that as its prior.
-    A drift has begun earlier: what it had come to at the start, which the filter took for pressure, is fitted as well,
-    and what the filter had not followed yet.
+    share: deviation of the common factor by which all ways may be wrong; the factor is fitted with that as its prior,
+    and so is one for what swelling did. A drift has begun earlier: what it had come to at the start, which the filter
+    took for pressure, is fitted as well, and what the filter had not followed yet.
     """
-    simulated_Pa, deviation_Pa, way_Pa, starts, normal = scratch
+    simulated_Pa, deviation_Pa, way_Pa, swelled_Pa, starts, normal = scratch
     scale = value if change == _SCALE else 1.0
-    count = 1
+    count, usual, spread = 2, 0.0, _DRIFT_SPREAD * SENSOR_DRIFT_Pa_s
     if change == _OFFSET:
-        count = 2
+        count = 3
     elif change == _DRIFT:
-        count = 4
+        count, usual = 5, _USUAL_DRIFT * SENSOR_DRIFT_Pa_s
     for i in range(count):
         for j in range(count + 1):
             normal[i, j] = 0.0
-    normal[0, 0] = 1.0 / (share * share)
-    if count > 1:
-        normal[1, 1] = 1e-12
-    usual = 0.0
-    if change == _DRIFT:
-        usual = _USUAL_DRIFT * SENSOR_DRIFT_Pa_s
-        normal[1, 1] = 1.0 / (_DRIFT_SPREAD * SENSOR_DRIFT_Pa_s) ** 2
-        normal[2, 2], normal[3, 3] = 1.0 / _DRIFTED_Pa**2, 1.0 / _START_ERROR_Pa**2
-    since_s = 0.0
+    normal[0, 0], normal[1, 1] = 1.0 / (share * share), 1.0 / (_SWELLING_SHARE * _SWELLING_SHARE)
+    if change == _OFFSET:
+        normal[2, 2] = 1e-12
+    elif change == _DRIFT:
+        normal[2, 2], normal[3, 3] = 1.0 / (spread * spread), 1.0 / _DRIFTED_Pa**2
+        normal[4, 4] = 1.0 / _START_ERROR_Pa**2
+    since_s = third = fourth = fifth = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         weight = 1.0 / (deviation_Pa[n] * deviation_Pa[n])
-        off_Pa = window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n] - usual * since_s
-        for i in range(count):
-            own = weight * _column(change, i, scale, way_Pa[n], starts[n], since_s)
-            normal[i, count] += own * off_Pa
-            for j in range(i + 1):
-                normal[i, j] += own * _column(change, j, scale, way_Pa[n], starts[n], since_s)
+        off_Pa = weight * (window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n] - usual * since_s)
+        first, second = scale * way_Pa[n], scale * swelled_Pa[n]
+        normal[0, 0] += weight * first * first
+        normal[1, 0] += weight * second * first
+        normal[1, 1] += weight * second * second
+        normal[0, count] += first * off_Pa
+        normal[1, count] += second * off_Pa
+        if count > 2:
+            third = 1.0 if change == _OFFSET else since_s
+            normal[2, 0] += weight * third * first
+            normal[2, 1] += weight * third * second
+            normal[2, 2] += weight * third * third
+            normal[2, count] += third * off_Pa
+        if count > 3:
+            fourth, fifth = 1.0 - starts[n], starts[n]
+            normal[3, 0] += weight * fourth * first
+            normal[3, 1] += weight * fourth * second
+            normal[3, 2] += weight * fourth * third
+            normal[3, 3] += weight * fourth * fourth
+            normal[3, count] += fourth * off_Pa
+            normal[4, 0] += weight * fifth * first
+            normal[4, 1] += weight * fifth * second
+            normal[4, 2] += weight * fifth * third
+            normal[4, 3] += weight * fifth * fourth
+            normal[4, 4] += weight * fifth * fifth
+            normal[4, count] += fifth * off_Pa
     for i in range(count):
         for j in range(i + 1, count):
             normal[i, j] = normal[j, i]
-    information, by_rate, by_came = normal[0, 0], normal[1, 1], normal[2, 2]
+    # what was free to be fitted explains something by itself
+    total = 0.5 * math.log(normal[0, 0] * share * share * normal[1, 1] * _SWELLING_SHARE * _SWELLING_SHARE)
+    if count > 3:
+        total += 0.5 * math.log(normal[2, 2] * spread * spread * normal[3, 3] * _DRIFTED_Pa**2)
     _solve(normal, count)
     factor = min(max(normal[0, count], -_MOST_SHARES * share), _MOST_SHARES * share)
-    total = 0.5 * (factor / share) ** 2 + 0.5 * math.log(information * share * share)
-    fitted = value if count == 1 else normal[1, count]
+    swell = min(max(normal[1, count], -_MOST_SHARES * _SWELLING_SHARE), _MOST_SHARES * _SWELLING_SHARE)
+    total += 0.5 * (factor / share) ** 2 + 0.5 * (swell / _SWELLING_SHARE) ** 2
+    fitted = value if count == 2 else normal[2, count]
     came = began = 0.0
-    if count > 2:
-        came, began = normal[2, count], normal[3, count]
-        total += 0.5 * (came / _DRIFTED_Pa) ** 2 + 0.5 * (began / _START_ERROR_Pa) ** 2
-        spread = _DRIFT_SPREAD * SENSOR_DRIFT_Pa_s
-        total += 0.5 * (fitted / spread) ** 2
-        total += 0.5 * math.log(by_rate * spread * spread * by_came * _DRIFTED_Pa**2)  # what was free to be fitted
+    if count > 3:
+        came, began = normal[3, count], normal[4, count]
+        total += 0.5 * (came / _DRIFTED_Pa) ** 2 + 0.5 * (began / _START_ERROR_Pa) ** 2 + 0.5 * (fitted / spread) ** 2
         fitted += usual
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
-        seen_Pa = scale * (simulated_Pa[n] + factor * way_Pa[n]) + offset_Pa
-        if count > 1:
-            seen_Pa += fitted * (1.0 if change == _OFFSET else since_s)
+        seen_Pa = scale * (simulated_Pa[n] + factor * way_Pa[n] + swell * swelled_Pa[n]) + offset_Pa
         if count > 2:
+            seen_Pa += fitted * (1.0 if change == _OFFSET else since_s)
+        if count > 3:
             seen_Pa += came * (1.0 - starts[n]) + began * starts[n]
         total += _cost(window.reading_Pa[k, chamber] - seen_Pa, deviation_Pa[n])
     return total, fitted
@@ -378,7 +412,7 @@ def name_fault(
     otherwise go on from where the last verdict on this chamber found each kind best. Then the kinds that come near the
     best are fitted each.
     """
-    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty((4, 5)))
+    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty((5, 6)))
     longest = min(KEPT - 2, now - oldest)
     healthy = np.full(KEPT, math.nan)
     best, severity = np.full(COUNT, -math.inf), np.zeros(COUNT)

@@ -60,6 +60,10 @@ class RecoveryTuning(NamedTuple):
     """Backward curvature that a roll carries the robot past, over what would stop it within a lag …"""
     borne: float = 0.03
     """… and what a reversal may begin with at rest."""
+    least_strength: float = 0.45
+    """A chamber that can do less is left alone: what it gives is not worth its lag …"""
+    fastest_use_rad: float = 2.5
+    """… nor, in a roll by more than this in a lag, is that of any weak one."""
     worth: float = 0.9
     """A chamber that can do less is not relied on: the C is reversed as if it were dead, and it adds what it can."""
     flipped: float = 0.0
@@ -166,6 +170,15 @@ def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray
     line_up = along * (upwards[0] * x + upwards[1] * y)
     up = upwards[0] * bent[0] + upwards[1] * bent[1]
     return -towards * (up - (1.0 - share) * line_up)
+
+
+@njit
+def use_of(tuning: RecoveryTuning, strength: FloatArray, turned_rad: float, used: FloatArray) -> None:
+    """What is used of each chamber's strength, into used (4,). turned_rad: roll in a lag of the pressures, so fast."""
+    fast = abs(turned_rad) > tuning.fastest_use_rad
+    for i in range(CHAMBERS):
+        weak = strength[i] < tuning.worth
+        used[i] = 0.0 if weak and (fast or strength[i] < tuning.least_strength) else strength[i]
 
 
 @njit

@@ -55,7 +55,7 @@ from controllers.interface import (
     SequencerState,
 )
 from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof, proof_memory
-from controllers.recovery import RECOVERY, RecoveryTuning, arch, most_moment, needs_momentum, plan_roll, reach
+from controllers.recovery import RECOVERY, RecoveryTuning, arch, most_moment, needs_momentum, plan_roll, reach, use_of
 from controllers.robot_model import RobotModel, pressures_for
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
@@ -129,6 +129,7 @@ SEQUENCER = np.dtype(
         ("farthest_rad", np.float64),
         ("farthest_s", np.float64),
         ("strength", np.float64, CHAMBERS),
+        ("used", np.float64, CHAMBERS),
         ("sighted", np.float64, CHAMBERS),
         ("setpoint_Pa", np.float64, CHAMBERS),
         ("wants_armed", np.bool_),
@@ -138,9 +139,10 @@ SEQUENCER = np.dtype(
     align=True,
 )
 """What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
-distance NaN where none was ordered; `strength` 0 of a chamber that is not used, `sighted`: how much of what its sensor
-says the wall feels, 0 where the sensor lies;
-`answer`: numbers of STRATEGIES taken in this cycle."""
+distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
+`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `rocking`: rolled back for a
+run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of
+STRATEGIES taken in this cycle."""
 
 
 class SequencerMemory(NamedTuple):
@@ -161,7 +163,7 @@ def sequencer_memory() -> SequencerMemory:
     for name in ("speed_rad_s", "distance_m", "roll_at_order_rad", "still_since_s", "last_t_s", "farthest_s"):
         first[name] = math.nan
     first["side"] = 1
-    first["strength"] = first["sighted"] = 1.0
+    first["strength"] = first["used"] = first["sighted"] = 1.0
     return SequencerMemory(
         own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray), proof_memory()
     )
@@ -282,6 +284,8 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
     for i in range(CHAMBERS):
         kind = detector.named[i]
         left = strength_left(parts.answers, kind, detector.severity[i])
+        if own.state != _DISARMED:  # more only at rest, or proved
+            left = min(left, own.strength[i])
         died = died or (left <= 0.0 < own.strength[i])
         own.strength[i] = left
         blinds = parts.answers[kind, BLIND]
@@ -298,7 +302,7 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
         if (
             detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM]
             or holds
-            or (dies and _dead(own) == CHAMBERS)
+            or (dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1))
         ):
             _enter(memory, _SAFE, t_s)
             answer = _SAFE_STOP
@@ -408,7 +412,8 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
     """Roll as recovery plans it: degraded, and reversing for as long as the C flips."""
     own, plan, wanted = memory.own[0], memory.recovery[0], parts.model.curvature_1_m
     forward = own.turn
-    if needs_momentum(own.strength):
+    use_of(parts.tuning, own.strength, estimate.spin_rad_s * parts.model.lag_s, own.used)
+    if needs_momentum(own.used):
         if _makes_no_way(parts, own, estimate, t_s):
             _enter(memory, _SAFE, t_s)
             _say(own, _SAFE_STOP)
@@ -426,7 +431,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
         estimate.roll_rad,
         estimate.spin_rad_s,
         estimate.curvature_1_m / wanted,
-        own.strength,
+        own.used,
         t_s,
         parts.model.lag_s,
         parts.model.agility_1_s2,
@@ -434,7 +439,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
     if own.state != _STALLED:
         own.state = _REVERSING if plan.reversing else _DEGRADED
     if own.rocking and plan.share <= 0.0:
-        arch(plan, own.strength)
+        arch(plan, own.used)
     _bend_towards(parts, own, estimate, plan.direction_rad, plan.share)
 
 
@@ -463,6 +468,7 @@ def _proves(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatAr
     outcome = follow_proof(proof, pressure_Pa[tried], test_Pa, t_s, parts.model.lag_s)
     if outcome == PROVED:
         forget_chamber(memory.detector, tried)
+        own.strength[tried] = 1.0
     elif outcome == UNDER_WAY and proof.filling:
         own.setpoint_Pa[tried] = test_Pa
     return True
@@ -562,6 +568,7 @@ def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
     own["distance_m"] = math.nan if order.distance_m is None else order.distance_m
     own["roll_at_order_rad"] = math.nan
     own["lead_integral_rad"] = 0.0
+    own["farthest_s"], own["rocking"] = math.nan, False
     if order.command is Command.STOP and own["state"] == _SAFE:
         _enter(memory, _DISARMED, t_s)
 

@@ -10,7 +10,9 @@ import pytest
 
 from controllers.interface import Command, Order, SequencerState
 from controllers.proof import FAILED, FILLS, NOT_ANY, PROVED, UNDER_WAY, begin_proof, follow_proof, proof_memory
-from softbot.faults import Fault
+from controllers.sequencer import Sequencer, SequencerConfig
+from softbot.faults import KIND_CODES, Fault, FaultKind
+from softbot.sensing import Readings
 
 LAG_S, TEST_Pa = 0.1, 40e3
 
@@ -78,6 +80,27 @@ def test_one_that_did_not_is_tried_once_and_left_out(closed_loop, robot):
     assert asked[800:].max() < 0.5 * robot.max_pressure_Pa
     assert run.states[1599] in (SequencerState.DEGRADED, SequencerState.REVERSING)
     assert run.turned(12.0, 16.0) < -1.0
+
+
+def test_a_milder_name_gives_nothing_back_before_the_robot_rests(robot):
+    sequencer = Sequencer(SequencerConfig.of(robot))
+    sequencer.order(Order(Command.LEFT), 0.0)
+    sequencer.armed(True)
+    named = sequencer.memory.detector.own[0]["named"]
+    dead = []
+    for cycle in range(60):
+        named[1] = {20: KIND_CODES[FaultKind.RUPTURE], 30: KIND_CODES[FaultKind.LEAK], 40: 0}.get(cycle, named[1])
+        if cycle == 50:
+            sequencer.order(Order(Command.STOP), 0.01 * cycle)
+        sequencer.update(0.01 * cycle, resting(0.01 * cycle))
+        dead.append(sequencer.dead_chambers)
+    assert dead[19] == ()
+    assert all(chambers == (1,) for chambers in dead[20:50])
+    assert dead[-1] == ()
+
+
+def resting(t_s: float) -> Readings:
+    return Readings(t_s, np.zeros(4), 250e3, np.zeros(3), np.array([0.0, 9.81, 0.0]), np.zeros(4))
 
 
 def test_a_chamber_whose_sensor_lied_is_not_tried(closed_loop):

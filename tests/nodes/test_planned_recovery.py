@@ -86,7 +86,7 @@ def test_with_one_dead_chamber_a_quarter_of_the_speed_is_held(gains, chamber):
 def test_a_weak_chamber_rolls_no_slower_than_a_dead_one(gains, severity):
     weak = np.mean([Run(gains, [c], kind="ballooning", severity=severity, lead_rad=0.8).rate_rev_s for c in (0, 1)])
     dead = np.mean([Run(gains, [c], lead_rad=0.8).rate_rev_s for c in (0, 1)])
-    assert weak > 0.95 * dead
+    assert weak > 0.9 * dead
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)])
