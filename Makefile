@@ -4,6 +4,8 @@ SHELL = /bin/bash
 BIN = .venv/bin
 # Set up for this lock and this pyproject; made again when one of them changes.
 READY = .venv/ready
+# Threads of linear algebra that wait for work take a core from the other process of the tests.
+export OPENBLAS_NUM_THREADS = 1
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-17s %s\n", $$1, $$2 }' Makefile

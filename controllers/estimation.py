@@ -41,6 +41,7 @@ ESTIMATOR = np.dtype(
     [
         ("roll_rad", np.float64),
         ("roll_rate_rad_s", np.float64),
+        ("spin_rad_s", np.float64),
         ("bias_rad_s", np.float64),
         ("curvature_1_m", np.float64, 2),
         ("stretch", np.float64),
@@ -59,9 +60,9 @@ ESTIMATOR = np.dtype(
     ],
     align=True,
 )
-"""What the estimator believes and remembers, as a record. `volume_m3`: of the chambers by the law, dead volume not
-counted; the four before it are scratch. After it: time since the last reading, pressures that the wall feels, and what
-the chambers remember, with scratch."""
+"""What the estimator believes and remembers, as a record. `roll_rate_rad_s` is smoothed, `spin_rad_s` is not.
+`volume_m3`: of the chambers by the law, dead volume not counted; the four before it are scratch. After it: time since
+the last reading, pressures that the wall feels, and what the chambers remember, with scratch."""
 
 
 def estimator_memory() -> Any:
@@ -94,6 +95,7 @@ def follow_roll(own: Any, reading: Any) -> None:
         error = trust * wrapped(up_rad - own.roll_rad)
         own.roll_rad += step_s * CORRECTION_1_S * error
         own.bias_rad_s -= step_s * BIAS_1_S2 * error
+        own.spin_rad_s = rate
         own.roll_rate_rad_s += (rate - own.roll_rate_rad_s) * min(1.0, step_s / RATE_TIME_S)
     own.last_t_s = reading.t_s
 

@@ -1,5 +1,8 @@
 """What a named fault leaves of a chamber, and whether the robot may roll on with it.
 
+A chamber that follows much later than the others slows the roll more than one that is given up (decision 0030), so a
+line that is half closed and a slow valve make a dead chamber.
+
 A row for each kind: the severity from which the chamber is dead (not used any more), the share of what its sensor is
 believed that is lost each cycle (it comes to be taken as vented, and is; at once where the sensor shows nothing of the
 pressure, while the chamber is vented where it still follows it), the severity from which rolling on is forbidden, and
@@ -25,9 +28,10 @@ _FADING = 0.03  # a third of a second, in which a chamber is vented
 _ROWS: dict[FaultKind, tuple[float, float, float, float]] = {
     FaultKind.RUPTURE: (_ALWAYS, 0.0, _NEVER, 0.0),
     FaultKind.LEAK: (_NEVER, 0.0, _NEVER, 0.0),  # the pressure loop feeds it
-    FaultKind.BLOCKED_INLET: (0.8, 0.0, _NEVER, 0.0),
+    FaultKind.BLOCKED_INLET: (0.55, 0.0, _NEVER, 0.0),
     FaultKind.BLOCKED_EXHAUST: (_NEVER, 0.0, 0.9, 0.0),  # what went in stays in
-    FaultKind.KINKED_LINE: (0.8, 0.0, _NEVER, 0.0),
+    FaultKind.KINKED_LINE: (0.55, 0.0, _NEVER, 0.0),
+    FaultKind.VALVE_SLOW: (0.3, 0.0, _NEVER, 0.0),
     FaultKind.STUCK_OPEN: (_ALWAYS, 0.0, _ALWAYS, 0.0),  # only shutting the supply answers it
     FaultKind.STUCK_CLOSED: (_ALWAYS, 0.0, _NEVER, 0.0),  # the sequencer looks at what it holds
     FaultKind.BALLOONING: (_NEVER, 0.0, _NEVER, BALLOON_LOSS),

@@ -25,8 +25,9 @@ class SequencerState(StrEnum):
 
 STATES: tuple[SequencerState, ...] = tuple(SequencerState)
 """States by number, for compiled code."""
-STRATEGIES = ("curvature_reversal", "safe_stop")
-"""Answers to a fault, by number."""
+STRATEGIES = ("curvature_reversal", "safe_stop", "momentum", "rock_free")
+"""Answers to a fault, by number: one chamber is dead, and the C is reversed; nothing rolls (any more); more are dead,
+and momentum has to carry the robot over what they leave out; it stands, and is rolled back for a run-up."""
 
 
 class Command(StrEnum):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from softbot.actuator import ActuatorLaw
 from softbot.cross_section import CHAMBER_ANGLES_RAD, CHAMBERS
+from softbot.pneumatics import valve_mass_flow
 from softbot.robot import Robot
 from softbot.rolling import coulomb_advance_ratio
 
@@ -25,6 +26,7 @@ FloatArray = NDArray[np.float64]
 USE_OF_LIMIT = 0.9
 """Share of the pressure limit that rolling uses; the rest is for regulating."""
 _ANGLES, _SIZES = 17, 9
+_FILLING_POINTS = 9
 _QUARTER_RAD = 0.5 * math.pi
 
 
@@ -47,6 +49,10 @@ class RobotModel(NamedTuple):
     co_contraction_Pa: float
     advance_m_rad: float
     """Way rolled for each radian of roll."""
+    lag_s: float
+    """By about this a chamber's pressure follows what is asked of it."""
+    agility_1_s2: float
+    """Angular acceleration of the roll where the C and a curvature that rolling asks for stand square to each other."""
     pneumatics: FloatArray
     """`PneumaticsParameters.as_arrays()`."""
     pressure_noise_Pa: float
@@ -76,6 +82,8 @@ def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: 
         _pressure_table(law, robot.max_pressure_Pa, co_contraction_Pa, largest),
         float(co_contraction_Pa),
         float(robot.radius_m * coulomb_advance_ratio(half_bend)),
+        pressure_lag_s(robot, USE_OF_LIMIT * robot.max_pressure_Pa),
+        float(curvature**2 * law.rest_bending_stiffness_N_m2 * robot.length_m / _rolling_inertia_kg_m2(robot)),
         robot.pneumatics.as_arrays(),
         float(robot.sensors.pressure_noise_Pa),
         np.empty(0) if memory is None else memory.numbers,
@@ -91,6 +99,44 @@ def largest_for_all_chambers_1_m(law: ActuatorLaw, pressure_Pa: float, co_contra
         pressure[chamber] = pressure_Pa
         weakest = min(weakest, float(np.hypot(*law.equilibrium(pressure).curvature_1_m)))
     return weakest
+
+
+def _rolling_inertia_kg_m2(robot: Robot) -> float:
+    """Of a straight robot about the line on which it rolls [kg m²], as of a solid cylinder."""
+    return 1.5 * robot.mass_kg * robot.radius_m**2
+
+
+def pressure_lag_s(robot: Robot, pressure_Pa: float) -> float:
+    """Time constant of the chambers [s]: with valves fully open up to, or down by, 1 − 1/e of this pressure.
+
+    Mean of filling and venting and of the chambers, each bending the robot alone, with the lag of the valves; the gas
+    is isothermal and the manifold stays at the regulator's pressure, as in `softbot.pneumatics`.
+    """
+    gas, law = robot.pneumatics, robot.actuator_law()
+    share = -math.expm1(-1.0)
+    mean_s = 0.0
+    for chamber in range(CHAMBERS):
+        for begin_Pa, end_Pa in ((0.0, share * pressure_Pa), (pressure_Pa, (1.0 - share) * pressure_Pa)):
+            absolute_Pa = np.linspace(begin_Pa, end_Pa, _FILLING_POINTS) + gas.atmospheric_pressure_absolute_Pa
+            filled = np.zeros((_FILLING_POINTS, CHAMBERS))
+            filled[:, chamber] = absolute_Pa - gas.atmospheric_pressure_absolute_Pa
+            strain = law.equilibria(filled, along=True)[0]
+            volume_m3 = gas.dead_volume_m3[chamber] + robot.length_m * (strain @ law.load_matrix[:, chamber])
+            amount_J = absolute_Pa * volume_m3
+            middle_Pa = 0.5 * (absolute_Pa[1:] + absolute_Pa[:-1])
+            flow_kg_s = [_flow_kg_s(robot, chamber, one, begin_Pa < end_Pa) for one in middle_Pa.tolist()]
+            mass_kg = np.abs(np.diff(amount_J)) / gas.gas_constant_times_temperature_J_kg
+            mean_s += float(np.sum(mass_kg / np.array(flow_kg_s))) / (2 * CHAMBERS)
+    return mean_s + gas.valve_lag_s
+
+
+def _flow_kg_s(robot: Robot, chamber: int, absolute_Pa: float, fills: bool) -> float:
+    gas = robot.pneumatics
+    if fills:
+        conductance, pair = gas.supply_valve_conductance_m3_s_Pa, (gas.supply_pressure_absolute_Pa, absolute_Pa)
+    else:
+        conductance, pair = gas.exhaust_valve_conductance_m3_s_Pa, (absolute_Pa, gas.atmospheric_pressure_absolute_Pa)
+    return float(valve_mass_flow(conductance[chamber], gas.critical_ratio, *pair, gas.temperature_K))
 
 
 def _pressure_table(law: ActuatorLaw, limit_Pa: float, co_contraction_Pa: float, largest_1_m: float) -> FloatArray:

@@ -1,12 +1,12 @@
 """The sequencer: orders and readings in, chamber pressures out. A state machine with named states.
 
     disarmed   nothing is commanded; waits for an order, disarms when the order is done
-    priming    armed: bends the robot into a C that lies flat, without lead
+    priming    armed: chambers that were given up prove themselves; then bends the robot into a C that lies flat
     rolling    healthy: the curvature leads the C, the lead regulated for the speed
     stalled    rolling is wanted and does not happen: a dead chamber is needed and recovery is off (or too slow yet)
-    degraded   one chamber is dead: rolls on with the others …
-    reversing  … and reverses the curvature where the dead one would be needed
-    safe       a fault that forbids rolling on: vents and stays until it is ordered to stop
+    degraded   a chamber is dead or weak: rolls on as `controllers.recovery` plans it with what is left …
+    reversing  … while the curvature is being reversed, where a dead chamber would be needed
+    safe       a fault forbids rolling on, or what is left makes no way: vents and stays until it is ordered to stop
 
 Every quantity it acts on is estimated from the readings. It knows no bus and no twin. `cycle` is the whole of it in
 compiled code, over plain records; `Sequencer` wraps it for those who hold a robot file and a clock.
@@ -34,16 +34,17 @@ from controllers import (
     fault_detection,
     fault_following,
     fault_naming,
+    proof,
     recovery,
     robot_model,
     supply_observer,
 )
-from controllers.commutation import commanded_direction_rad, shortfall_rad
+from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
 from controllers.detector_parts import DetectorMemory, DetectorParts, detector_memory, parts_of_detector
 from controllers.estimation import estimator_memory, follow_bend, follow_roll
 from controllers.fault_answers import BLIND, FORBIDS_FROM, answers, strength_left
-from controllers.fault_detection import detect, detections_of
+from controllers.fault_detection import detect, detections_of, forget_chamber
 from controllers.interface import (
     STATES,
     STRATEGIES,
@@ -53,7 +54,8 @@ from controllers.interface import (
     SequencerOutput,
     SequencerState,
 )
-from controllers.recovery import REVERSAL, begin_reversal, reversal_due, reversal_over
+from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof, proof_memory
+from controllers.recovery import RECOVERY, RecoveryTuning, arch, most_moment, needs_momentum, plan_roll, reach, use_of
 from controllers.robot_model import RobotModel, pressures_for
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
@@ -71,6 +73,8 @@ _STALL_TIME_S = 0.4
 _PRIMED_SHARE = 0.8
 _PRIMING_LONGEST_S = 3.0
 _HELD_SHARE = 0.2
+_PROGRESS_RAD = 0.5 * math.pi
+_RUN_UP_RAD, _GOOD_PUSH, _FARTHEST_BACK_RAD = 0.25, 0.9, 2.0
 
 _DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
     STATES.index(state)
@@ -84,7 +88,9 @@ _DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
         SequencerState.SAFE,
     )
 )
-_CURVATURE_REVERSAL, _SAFE_STOP = STRATEGIES.index("curvature_reversal"), STRATEGIES.index("safe_stop")
+_CURVATURE_REVERSAL, _SAFE_STOP, _MOMENTUM, _ROCK_FREE = (
+    STRATEGIES.index(strategy) for strategy in ("curvature_reversal", "safe_stop", "momentum", "rock_free")
+)
 _STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
 _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
 _MOST_ANSWERS = 8
@@ -98,6 +104,7 @@ class SequencerParts(NamedTuple):
     detector: DetectorParts
     recovers: bool
     lead_rad: float
+    tuning: RecoveryTuning
     answers: FloatArray
     """`controllers.fault_answers.answers()`."""
 
@@ -116,7 +123,13 @@ SEQUENCER = np.dtype(
         ("mean_rate_rad_s", np.float64),
         ("last_t_s", np.float64),
         ("lead_integral_rad", np.float64),
+        ("rocking", np.bool_),
+        ("rocked_s", np.float64),
+        ("rocked_rad", np.float64),
+        ("farthest_rad", np.float64),
+        ("farthest_s", np.float64),
         ("strength", np.float64, CHAMBERS),
+        ("used", np.float64, CHAMBERS),
         ("sighted", np.float64, CHAMBERS),
         ("setpoint_Pa", np.float64, CHAMBERS),
         ("wants_armed", np.bool_),
@@ -126,8 +139,10 @@ SEQUENCER = np.dtype(
     align=True,
 )
 """What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
-distance NaN where none was ordered; `strength` 0 of a chamber that is not used, `sighted` 0 of one whose sensor lies;
-`answer`: numbers of STRATEGIES taken in this cycle."""
+distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
+`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `rocking`: rolled back for a
+run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of
+STRATEGIES taken in this cycle."""
 
 
 class SequencerMemory(NamedTuple):
@@ -136,18 +151,22 @@ class SequencerMemory(NamedTuple):
     own: Any
     estimator: Any
     detector: DetectorMemory
-    reversal: Any
+    recovery: Any
+    """Two plans: what is done, and the other side's."""
+    proof: Any
 
 
 def sequencer_memory() -> SequencerMemory:
     """Memory of a sequencer that has seen nothing and was ordered nothing."""
     own = np.zeros(1, SEQUENCER).view(np.recarray)
     first = own[0]
-    for name in ("speed_rad_s", "distance_m", "roll_at_order_rad", "still_since_s", "last_t_s"):
+    for name in ("speed_rad_s", "distance_m", "roll_at_order_rad", "still_since_s", "last_t_s", "farthest_s"):
         first[name] = math.nan
     first["side"] = 1
-    first["strength"] = first["sighted"] = 1.0
-    return SequencerMemory(own, estimator_memory(), detector_memory(), np.zeros(1, REVERSAL).view(np.recarray))
+    first["strength"] = first["used"] = first["sighted"] = 1.0
+    return SequencerMemory(
+        own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray), proof_memory()
+    )
 
 
 @dataclass(frozen=True)
@@ -180,6 +199,7 @@ class SequencerConfig:
             parts_of_detector(self.robot.pneumatics, self.robot.sensors),
             bool(self.recovery),
             float(self.lead_rad),
+            RecoveryTuning(),
             answers(),
         )
 
@@ -213,9 +233,12 @@ def _c_bend_side(estimate: Any) -> int:
     return 1 if math.cos(direction + estimate.roll_rad) >= 0.0 else -1
 
 
-@njit(cache=True)
-def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float) -> None:
-    pressures_for(parts.model, direction_rad, parts.model.curvature_1_m, own.setpoint_Pa)
+@njit
+def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float, share: float) -> None:
+    pressures_for(parts.model, direction_rad, share * parts.model.curvature_1_m, own.setpoint_Pa)
+    for i in range(CHAMBERS):  # a weak chamber needs more for the same
+        if 0.0 < own.strength[i] < 1.0:
+            own.setpoint_Pa[i] = min(own.setpoint_Pa[i] / own.strength[i], parts.model.pressure_limit_Pa)
     if parts.model.memory.size > 0:
         compensate(parts.model, estimate, own.strength, own.setpoint_Pa)
     for i in range(CHAMBERS):
@@ -228,7 +251,8 @@ def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
     own = memory.own[0]
     own.state, own.entered_s, own.still_since_s = state, t_s, math.nan
     if state in (_DISARMED, _SAFE, _PRIMING):
-        memory.reversal[0].under_way = False
+        own.rocking, own.farthest_s = False, math.nan
+        memory.recovery[0].reversing = False
         own.lead_integral_rad = 0.0
 
 
@@ -242,11 +266,16 @@ def _dead(own: Any) -> int:
 
 
 @njit(cache=True)
+def _weakened(own: Any) -> bool:
+    return bool(own.strength.min() < 1.0)
+
+
+@njit
 def _rolling_state(parts: SequencerParts, own: Any) -> int:
-    return _DEGRADED if parts.recovers and _dead(own) > 0 else _ROLLING
+    return _DEGRADED if parts.recovers and _weakened(own) else _ROLLING
 
 
-@njit(cache=True)
+@njit
 def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> None:
     """React to what was found: reverse from now on, or fall back to the safe state."""
     own, detector = memory.own[0], memory.detector.own[0]
@@ -255,43 +284,58 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
     for i in range(CHAMBERS):
         kind = detector.named[i]
         left = strength_left(parts.answers, kind, detector.severity[i])
+        if own.state != _DISARMED:  # more only at rest, or proved
+            left = min(left, own.strength[i])
         died = died or (left <= 0.0 < own.strength[i])
         own.strength[i] = left
         blinds = parts.answers[kind, BLIND]
-        own.sighted[i] = max(own.sighted[i] - blinds, 0.0) if blinds > 0.0 else 1.0
+        if blinds > 0.0:
+            own.sighted[i] = max(own.sighted[i] - blinds, 0.0)
+        else:
+            own.sighted[i] = left if left > 0.0 else 1.0
     for n in range(0 if own.state == _SAFE else detector.found):  # in the safe state names may still be corrected
         kind, chamber = detector.found_kind[n], detector.found_chamber[n]
         held_Pa = reading.pressure_Pa[chamber] if kind == _STUCK_CLOSED else 0.0
         holds = held_Pa > _HELD_SHARE * parts.model.pressure_limit_Pa
         dies = died and chamber >= 0 and own.strength[chamber] <= 0.0
         answer = -1
-        if detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM] or holds or (dies and _dead(own) > 1):
+        if (
+            detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM]
+            or holds
+            or (dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1))
+        ):
             _enter(memory, _SAFE, t_s)
             answer = _SAFE_STOP
         elif dies and parts.recovers:
             if own.state == _ROLLING or own.state == _DEGRADED or own.state == _STALLED:
                 _enter(memory, _DEGRADED, t_s)
-            answer = _CURVATURE_REVERSAL
-        if answer >= 0 and own.answered < _MOST_ANSWERS:
-            own.answer[own.answered] = answer
-            own.answered += 1
+            answer = _MOMENTUM if _dead(own) > 1 else _CURVATURE_REVERSAL
+        if answer >= 0:
+            _say(own, answer)
 
 
 @njit(cache=True)
+def _say(own: Any, answer: int) -> None:
+    if own.answered < _MOST_ANSWERS:
+        own.answer[own.answered] = answer
+        own.answered += 1
+
+
+@njit
 def _arrived(parts: SequencerParts, own: Any, estimate: Any) -> bool:
     rolled_rad = -own.turn * (estimate.roll_rad - own.roll_at_order_rad)
     return parts.model.advance_m_rad * rolled_rad >= own.distance_m  # False where either is NaN
 
 
-@njit(cache=True)
+@njit
 def _easier_side(own: Any, estimate: Any) -> int:
     """The side on which the living chambers can bend the robot best as it lies."""
-    left = abs(shortfall_rad(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.strength))
-    right = abs(shortfall_rad(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.strength))
-    return 1 if left <= right else -1
+    left = reach(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.strength)
+    right = reach(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.strength)
+    return 1 if left >= right else -1
 
 
-@njit(cache=True)
+@njit
 def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
     own = memory.own[0]
     if t_s == own.entered_s or math.isnan(own.roll_at_order_rad):
@@ -303,20 +347,11 @@ def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
         if bent:
             own.side = _c_bend_side(estimate)
         _enter(memory, _rolling_state(parts, own), t_s)
-    _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, 0.0, estimate.roll_rad))
+    direction = commanded_direction_rad(own.side, 0.0, estimate.roll_rad)
+    _bend_towards(parts, own, estimate, direction, reach(direction, own.strength))
 
 
-@njit(cache=True)
-def _reverse(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
-    own, reversal = memory.own[0], memory.reversal[0]
-    if reversal_over(reversal, t_s, estimate, parts.model.curvature_1_m):
-        own.side = _c_bend_side(estimate)
-        own.lead_integral_rad = 0.0
-        _enter(memory, _DEGRADED, t_s)
-    _bend_towards(parts, own, estimate, reversal.direction_rad)
-
-
-@njit(cache=True)
+@njit
 def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
     own = memory.own[0]
     share = min(1.0, step_s / _STALL_RATE_TIME_S)
@@ -331,24 +366,116 @@ def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, 
         _enter(memory, _STALLED, t_s)
 
 
-@njit(cache=True)
+@njit
 def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
-    own, reversal = memory.own[0], memory.reversal[0]
-    if parts.recovers and reversal_due(estimate, own.side, own.turn, own.strength):
-        begin_reversal(reversal, t_s, estimate, own.side, own.strength)
-        _enter(memory, _REVERSING, t_s)
-        _reverse(parts, memory, estimate, t_s)
-        return
+    own = memory.own[0]
     _watch_stall(parts, memory, estimate, t_s, step_s)
     lead = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
-    direction = commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad)
-    if parts.recovers:
-        direction -= shortfall_rad(direction, own.strength)
-    _bend_towards(parts, own, estimate, direction)
+    if parts.recovers and _weakened(own):
+        _roll_on(parts, memory, estimate, lead, t_s)
+    else:
+        _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad), 1.0)
 
 
-@njit(cache=True)
-def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: float) -> None:
+@njit
+def _makes_no_way(parts: SequencerParts, own: Any, estimate: Any, t_s: float) -> bool:
+    """Whether a robot that lives on its momentum has not got a quarter of a turn further for long."""
+    rolled_rad = -own.turn * estimate.roll_rad
+    if math.isnan(own.farthest_s) or rolled_rad > own.farthest_rad + _PROGRESS_RAD:
+        own.farthest_rad, own.farthest_s = rolled_rad, t_s
+    return t_s - own.farthest_s > parts.tuning.gives_up * parts.model.lag_s
+
+
+@njit
+def _rocks(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> bool:
+    """Whether the robot is rolled back now, to where its chambers can give it a good push forward."""
+    own = memory.own[0]
+    if not own.rocking:
+        if own.state == _STALLED:
+            own.rocking, own.rocked_s, own.rocked_rad = True, t_s, estimate.roll_rad
+            own.still_since_s = math.nan
+            _say(own, _ROCK_FREE)
+    else:
+        away_rad = own.turn * (estimate.roll_rad - own.rocked_rad)
+        push = most_moment(
+            memory.recovery[1], own.turn, parts.tuning.lead_with_momentum_rad, estimate.roll_rad, own.strength
+        )
+        away = abs(away_rad) > _RUN_UP_RAD and push > _GOOD_PUSH
+        if away or abs(away_rad) > _FARTHEST_BACK_RAD or t_s - own.rocked_s > parts.tuning.rocks * parts.model.lag_s:
+            own.rocking, own.still_since_s = False, math.nan
+            own.state = _DEGRADED
+    return bool(own.rocking)
+
+
+@njit
+def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead_rad: float, t_s: float) -> None:
+    """Roll as recovery plans it: degraded, and reversing for as long as the C flips."""
+    own, plan, wanted = memory.own[0], memory.recovery[0], parts.model.curvature_1_m
+    forward = own.turn
+    use_of(parts.tuning, own.strength, estimate.spin_rad_s * parts.model.lag_s, own.used)
+    if needs_momentum(own.used):
+        if _makes_no_way(parts, own, estimate, t_s):
+            _enter(memory, _SAFE, t_s)
+            _say(own, _SAFE_STOP)
+            return
+        lead_rad = max(lead_rad, parts.tuning.lead_with_momentum_rad)
+        if _rocks(parts, memory, estimate, t_s):
+            forward = -own.turn
+    own.side = plan_roll(
+        parts.tuning,
+        plan,
+        memory.recovery[1],
+        own.side,
+        forward,
+        lead_rad,
+        estimate.roll_rad,
+        estimate.spin_rad_s,
+        estimate.curvature_1_m / wanted,
+        own.used,
+        t_s,
+        parts.model.lag_s,
+        parts.model.agility_1_s2,
+    )
+    if own.state != _STALLED:
+        own.state = _REVERSING if plan.reversing else _DEGRADED
+    if own.rocking and plan.share <= 0.0:
+        arch(plan, own.used)
+    _bend_towards(parts, own, estimate, plan.direction_rad, plan.share)
+
+
+@njit
+def _ask_for_proof(parts: SequencerParts, memory: SequencerMemory) -> None:
+    """At rest, before the robot rolls again: which of the chambers that are not used may prove themselves."""
+    own, proof = memory.own[0], memory.proof[0]
+    proof.chamber = NOT_ANY
+    for i in range(CHAMBERS):
+        lies = parts.answers[memory.detector.own[0].named[i], BLIND] > 0.0
+        proof.owed[i] = 1 if parts.recovers and own.strength[i] <= 0.0 and not lies else 0
+
+
+@njit
+def _proves(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray, t_s: float) -> bool:
+    """Whether a chamber is being tried now; one that has proved itself is used again."""
+    own, proof = memory.own[0], memory.proof[0]
+    if proof.chamber == NOT_ANY:
+        for i in range(CHAMBERS):
+            if proof.owed[i] > 0 and proof.chamber == NOT_ANY:
+                begin_proof(proof, i, t_s)
+    tried = proof.chamber
+    if tried == NOT_ANY:
+        return False
+    test_Pa = TEST_SHARE * parts.model.pressure_limit_Pa
+    outcome = follow_proof(proof, pressure_Pa[tried], test_Pa, t_s, parts.model.lag_s)
+    if outcome == PROVED:
+        forget_chamber(memory.detector, tried)
+        own.strength[tried] = 1.0
+    elif outcome == UNDER_WAY and proof.filling:
+        own.setpoint_Pa[tried] = test_Pa
+    return True
+
+
+@njit
+def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray, t_s: float, step_s: float) -> None:
     own, estimate = memory.own[0], memory.estimator[0]
     for i in range(CHAMBERS):
         own.setpoint_Pa[i] = 0.0
@@ -359,14 +486,15 @@ def _act(parts: SequencerParts, memory: SequencerMemory, t_s: float, step_s: flo
             _enter(memory, _DISARMED, t_s)
     elif own.state == _DISARMED:
         _enter(memory, _PRIMING, t_s)
+        _ask_for_proof(parts, memory)
     elif not own.armed:
         if own.state != _PRIMING:  # the board fell back to its safe state: begin anew
             _enter(memory, _PRIMING, t_s)
         own.entered_s = t_s
+    elif own.state == _PRIMING and _proves(parts, memory, pressure_Pa, t_s):
+        own.entered_s = t_s
     elif own.state == _PRIMING:
         _prime(parts, memory, estimate, t_s)
-    elif own.state == _REVERSING:
-        _reverse(parts, memory, estimate, t_s)
     else:
         _roll(parts, memory, estimate, t_s, step_s)
 
@@ -393,7 +521,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
         _answer(parts, memory, reading[0], t_s)
-        _act(parts, memory, t_s, step_s)
+        _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
         own.wants_armed = own.state != _DISARMED and own.state != _SAFE
         return len(stamp) > 0
@@ -422,6 +550,7 @@ cycle = _compile(
         material,
         pneumatics,
         prony,
+        proof,
         recovery,
         residual,
         robot_model,
@@ -439,6 +568,7 @@ def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
     own["distance_m"] = math.nan if order.distance_m is None else order.distance_m
     own["roll_at_order_rad"] = math.nan
     own["lead_integral_rad"] = 0.0
+    own["farthest_s"], own["rocking"] = math.nan, False
     if order.command is Command.STOP and own["state"] == _SAFE:
         _enter(memory, _DISARMED, t_s)
 

@@ -104,11 +104,15 @@ class Motion:
 
 
 class BrokenOff(SimulationError):
-    """A twin left its range while it played; `rows` of motion are what it played before, shape (n, ROW_SIZE)."""
+    """A twin left its range while it played; `rows` of motion are what it played before, shape (n, ROW_SIZE).
+
+    seen: where it was at them and before the first, of a twin that tells (`sim.rod.RodTwin.play_seen`).
+    """
 
     def __init__(self, message: str, rows: FloatArray) -> None:
         super().__init__(message)
         self.rows = rows
+        self.seen = np.empty((0, 0))
 
 
 class Twin(Protocol):

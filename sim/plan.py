@@ -11,12 +11,15 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from sim.kerb import with_kerb
 from sim.resolution import Choice, Resolution, check_turn, resolve
 from sim.scene import Scene
 from softbot.errors import InputError
 
 BULLET = {"fast": (0.005, 10), "standard": (0.0025, 10), "reference": (0.001, 20)}
 """accuracy → step [s] and segments of the segment twin; how well each does stands in benchmarks/twins.md."""
+BULLET_STEPS_PER_TURN = 20
+"""At least: with half as many its joints turn too far in a step (`sim.resolution` has the rod's number)."""
 
 
 class Verdict(NamedTuple):
@@ -243,10 +246,11 @@ def make_plan(scene: Scene, *, keep: Collection[str] = ()) -> Plan:
         raise InputError(f"no leave-out rule is called {', '.join(sorted(unknown))}")
     if scene.solver.question == "equilibrium":
         _check_rest(scene)
+    scene = with_kerb(scene)
     if scene.solver.twin == "bullet":
         step_s, segments = BULLET[scene.solver.accuracy]
         step_s = scene.solver.step_s or step_s
-        check_turn(scene, step_s)
+        check_turn(scene, step_s, BULLET_STEPS_PER_TURN)
         return Plan(scene, None, step_s, scene.solver.segments or segments, ())
     resolution = resolve(scene)
     return Plan(scene, resolution, resolution.step_s, None, tuple(_decide(scene, resolution, keep)))

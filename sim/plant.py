@@ -33,14 +33,14 @@ from sim.sensors import Sensors
 from softbot.errors import InputError, SimulationError
 from softbot.faults import CHAMBER_COUNT, Fault, FaultKind
 from softbot.kernel_entry import entry
-from softbot.plant_conditions import FRICTION_FACTOR, PAYLOAD_SHARE, PlantConditions, conditions_at
+from softbot.plant_conditions import FRICTION_FACTOR, KERB_SHARE, PAYLOAD_SHARE, PlantConditions, conditions_at
 from softbot.pneumatics import initial_state
 from softbot.robot import Robot
 from softbot.sensing import Readings
 
 FloatArray = NDArray[np.float64]
 
-ON_THE_FLOOR = frozenset({FaultKind.FRICTION_LOST, FaultKind.FRICTION_HIGH, FaultKind.PAYLOAD})
+ON_THE_FLOOR = frozenset({FaultKind.FRICTION_LOST, FaultKind.FRICTION_HIGH, FaultKind.PAYLOAD, FaultKind.OBSTACLE})
 """Faults that act between robot and floor; they change from one control period to the next, not within one."""
 
 
@@ -146,10 +146,11 @@ class Plant:
 
 
 _MOMENT_S = 1e-6
+_KERB_AHEAD = 1.0  # of the radius, from the robot's side to the kerb
 
 
 class Floor:
-    """What faults change between robot and floor: friction, and a weight that rests on the robot."""
+    """What faults change between robot and floor: friction, a weight that rests on the robot, a kerb in its way."""
 
     def __init__(self, conditions: PlantConditions, twin: Twin) -> None:
         self._faults = tuple(fault for fault in conditions.faults if fault.kind in ON_THE_FLOOR)
@@ -162,6 +163,7 @@ class Floor:
         self._twin = twin
         self._sound = twin._physics.friction if isinstance(twin, RodTwin) else 0.0
         self._now = (1.0, 0.0)
+        self._kerb_lies = False
 
     def changes_between(self, from_s: float, to_s: float) -> bool:
         """Whether the floor may be another at `to_s` than at `from_s`; for a moment more, as times are rounded."""
@@ -176,6 +178,9 @@ class Floor:
         if not self._faults or not isinstance(self._twin, RodTwin):
             return
         conditions_at(t_s, self._rows, self._scratch)
+        if self._scratch[KERB_SHARE] > 0.0 and not self._kerb_lies:
+            _lay_kerb(self._twin, float(self._scratch[KERB_SHARE]))
+            self._kerb_lies = True
         now = (float(self._scratch[FRICTION_FACTOR]), float(self._scratch[PAYLOAD_SHARE]))
         if now == self._now:
             return
@@ -185,3 +190,13 @@ class Floor:
         weight_N = now[1] * np.array([own.gravity_x_m_s2, own.gravity_y_m_s2, own.gravity_z_m_s2])
         rod.push_N[:] = (rod._rule.root_mass**2)[:, None] * weight_N
         rod.wake()
+
+
+def _lay_kerb(rod: RodTwin, share: float) -> None:
+    """A step of a share of the radius, a radius ahead of the robot on the side to which it rolls; it rises outwards."""
+    radius_m, motion = rod._physics.radius_m, rod.motion()
+    ahead = 1.0 if motion.mid_velocity_m_s[1] >= 0.0 else -1.0
+    front_m = float((ahead * rod.points()[0][1]).max()) + radius_m
+    riser_m = ahead * max(front_m + _KERB_AHEAD * radius_m, radius_m)
+    rod._physics = rod._physics._replace(ground_a_m=share * radius_m, ground_b_m=riser_m)
+    rod.wake()

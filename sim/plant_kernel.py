@@ -249,7 +249,7 @@ def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
                 state.strain, state.rest_strain, state.stiffness, state.flag, rod.shares, rod.stretches, parts.length_m,
                 parts.twisting_stiffness_N_m2, own.rest, own.stiffness,
             )  # fmt: skip
-            if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows) < 1:
+            if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows, no_rows) < 1:
                 return ROD_LOST
             own.strain[0] = state.strain[-1] if rod.stretches else 1.0
             own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
@@ -263,7 +263,7 @@ rod_period = _compile_rod_period(_STAMP)
 
 def handed_play(rod: RodTwin) -> Handed:
     """The rod's kernel, to be handed to `rod_period`."""
-    return handed(play, rod._memory, rod._layout, rod._physics, HOLD, 1, 1, NO_ROWS)
+    return handed(play, rod._memory, rod._layout, rod._physics, HOLD, 1, 1, NO_ROWS, NO_ROWS)
 
 
 def failure(done: int, t_s: float, pressure_Pa: FloatArray) -> str:

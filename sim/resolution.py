@@ -582,12 +582,12 @@ STEPS_S = (
 """Whole numbers of control periods, and whole parts of one."""
 
 
-def check_turn(scene: Scene, step_s: float) -> None:
-    """Raise InputError when a drive of given period turns in fewer than `LEAST_STEPS_PER_TURN` steps."""
-    least_s = LEAST_STEPS_PER_TURN * step_s
+def check_turn(scene: Scene, step_s: float, steps: int = LEAST_STEPS_PER_TURN) -> None:
+    """Raise InputError when a drive of given period turns in fewer than this many steps."""
+    least_s = steps * step_s
     turns = scene.drive.kind != "sequencer" and scene.drive.lead_rad is None
     if turns and scene.drive.period_s < least_s * (1.0 - 1e-9):
         raise InputError(
-            f"drive.period_s = {scene.drive.period_s:g}: the curvature would turn in fewer than {LEAST_STEPS_PER_TURN} "
+            f"drive.period_s = {scene.drive.period_s:g}: the curvature would turn in fewer than {steps} "
             f"steps; take at least {least_s:g} s, a higher solver.accuracy or a smaller solver.step_s"
         )

@@ -11,13 +11,11 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import motion_rows
-from sim.between_steps import Instant, instants_between
+from sim.between_steps import fill_between, straight
 from sim.body import Body, BrokenOff, Motion, World
 from sim.motion_rows import (
     ANGULAR_MOMENTUM,
@@ -47,6 +45,8 @@ from sim.rod_memory import (
     Layout,
     Physics,
     carve,
+    instant_size,
+    instants,
     rod_memory,
 )
 from sim.rod_rest import set_rest
@@ -69,6 +69,7 @@ _OUTLINE_PLACES = 17  # on each half of the tube, the middle counted twice
 _GROUNDS = {"none": NO_GROUND, "plane": PLANE, "step": STEP, "pipe": PIPE}
 _HOLD = hold()
 _NO_ROWS = np.empty((0, ROW_SIZE))
+_NOTHING_SEEN = np.empty((0, 0))
 
 
 class RodTwin:
@@ -261,8 +262,10 @@ class RodTwin:
         self._play(drive, samples, steps, rows)
         return rows
 
-    def _play(self, drive: FloatArray, samples: int, steps: int, rows: FloatArray) -> None:
-        done = play(self._memory, self._layout, self._physics, drive, samples, steps, rows)
+    def _play(
+        self, drive: FloatArray, samples: int, steps: int, rows: FloatArray, seen: FloatArray = _NOTHING_SEEN
+    ) -> None:
+        done = play(self._memory, self._layout, self._physics, drive, samples, steps, rows, seen)
         if done < samples:
             raise BrokenOff(
                 f"the rod twin left its range at t = {self.t_s:.4g} s (a strain or a speed is not finite, or the tube "
@@ -328,36 +331,46 @@ class RodTwin:
         other._state, other._rule, other._contacts, other._work, _ = carve(other._memory, self._layout)
         return other
 
-    def instant(self) -> Instant:
-        """What the robot's pose, shape and motion follow from now."""
-        state = self._state
-        row = self._look()
-        parts = (state.position_m, state.rotation, state.strain, state.velocity, state.momentum, state.flag, row)
-        return Instant(*(part.copy() for part in parts))
+    def play_seen(self, drive: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
+        """As `play`, a step each sample: rows of motion and where the robot was before and after each, for `fill`."""
+        rows, seen = np.empty((samples + 1, ROW_SIZE)), np.empty((samples + 1, instant_size(self._layout)))
+        rows[0] = self._look()
+        seen[0] = self._memory[: seen.shape[1]]
+        try:
+            self._play(drive, samples, 1, rows[1:], seen[1:])
+        except BrokenOff as error:
+            done = len(error.rows) + 1
+            error.rows, error.seen = rows[:done], seen[:done]
+            raise
+        return rows, seen
 
-    def between(self, start: Instant, end: Instant, count: int) -> Iterator[tuple[FloatArray, RodTwin]]:
-        """Row of motion and rod, as it was, at each of the `count` − 1 instants between two ends of a step.
+    def fill(self, rows: FloatArray, seen: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+        """What `play_seen` returned, with `parts` − 1 instants filled in within each step (`sim.between_steps`).
 
-        The rod is the same one each time, and each time it is elsewhere.
+        Returns rows of motion, shape (steps · parts, ROW_SIZE), and for each what `seen_at` takes. Energy is laid
+        straight between the ends of a step, as the work of the drive is.
         """
+        steps, layout = len(rows) - 1, self._layout
+        every, filled = np.zeros((steps, parts, seen.shape[1])), np.empty((steps, parts, ROW_SIZE))
+        every[:, -1] = seen[1:]
+        fill_between(instants(seen, layout), instants(every[:, :-1], layout), layout.modes, self.radius_m)
+        flat, flat_every = filled.reshape(-1, ROW_SIZE), every.reshape(-1, seen.shape[1])
+        play(self._at_another_time()._memory, layout, self._physics, _HOLD, len(flat), 0, flat, flat_every)
+        filled[:, -1] = rows[1:]
+        energy_J = rows[:, ENERGY]
+        filled[:, :-1, ENERGY] = straight(energy_J[:-1], energy_J[1:], np.arange(1, parts) / parts)
+        return flat, flat_every
+
+    def seen_at(self, instant: FloatArray) -> RodTwin:
+        """The robot at an instant of `fill`, to be looked at, not stepped; the same one each time, elsewhere."""
+        ghost = self._at_another_time()
+        ghost._memory[: len(instant)] = instant
+        return ghost
+
+    def _at_another_time(self) -> RodTwin:
         if self._ghost is None:
             self._ghost = self.copy()
-        for instant in instants_between(start, end, count, self.modes, self.radius_m):
-            row = self._ghost._show(instant)
-            for column in (motion_rows.TIME, motion_rows.ENERGY, motion_rows.WORK):
-                row[column] = instant.row[column]
-            yield row, self._ghost
-
-    def _show(self, instant: Instant) -> FloatArray:
-        """Take pose, shape and motion of another instant; the row of motion there. Not to be stepped from."""
-        state = self._state
-        for part, value in zip(
-            (state.position_m, state.rotation, state.strain, state.velocity, state.momentum, state.flag),
-            instant[:-1],
-            strict=True,
-        ):
-            part[...] = value
-        return self.row()
+        return self._ghost
 
     def shape(self) -> tuple[FloatArray, FloatArray]:
         """Centre line (n, 3) [m] and section axis e1 (n, 3) along the robot now, equally spaced, ends included."""
@@ -384,7 +397,7 @@ class RodTwin:
         """Nothing to release."""
 
     def _look(self) -> FloatArray:
-        play(self._memory, self._layout, self._physics, _HOLD, 1, 0, self._row)
+        play(self._memory, self._layout, self._physics, _HOLD, 1, 0, self._row, _NOTHING_SEEN)
         return self._row[0]
 
     def _stretch(self) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.rod_compile import inner
+from sim.rod_views import flat, flat_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -35,9 +36,16 @@ def integrate_three(values: FloatArray, integral: FloatArray, out: FloatArray) -
 
 
 @inner
-def flat_rows(rows: FloatArray) -> FloatArray:
-    """Rows of one length, shape (columns, lines · points)."""
-    return rows.reshape(rows.shape[0], rows.shape[1] * rows.shape[2])
+def integrate_rows(values: FloatArray, integral: FloatArray, out: FloatArray) -> None:
+    """out ← values · integral, row after row of as many as `integral`, (half, half), has."""
+    half = integral.shape[0]
+    for start in range(0, values.shape[0], half):
+        for i in range(half):
+            out[start + i] = 0.0
+        for j in range(half):
+            value = values[start + j]
+            for i in range(half):
+                out[start + i] += value * integral[j, i]
 
 
 @inner
@@ -111,7 +119,7 @@ def solve_backward(matrix: FloatArray, size: int, vector: FloatArray) -> None:
 @inner
 def combine_rows(rows: FloatArray, size: int, vector: FloatArray, product: FloatArray) -> None:
     """product ← G vector, over `size` columns; rows and product as they are shaped in Work."""
-    columns, out = flat_rows(rows), product.ravel()
+    columns, out = flat_rows(rows), flat(product)
     length = out.shape[0]
     for k in range(length):
         out[k] = 0.0
@@ -124,7 +132,7 @@ def combine_rows(rows: FloatArray, size: int, vector: FloatArray, product: Float
 @inner
 def dot(column: FloatArray, other: FloatArray) -> float:
     """Sum of the products of two arrays of one shape."""
-    x, y = column.ravel(), other.ravel()
+    x, y = flat(column), flat(other)
     total = 0.0
     for k in range(x.shape[0]):
         total += x[k] * y[k]
@@ -134,7 +142,7 @@ def dot(column: FloatArray, other: FloatArray) -> float:
 @inner
 def add_scaled(first: FloatArray, share: float, second: FloatArray, total: FloatArray) -> None:
     """total ← first + share · second, of one shape."""
-    x, y, out = first.ravel(), second.ravel(), total.ravel()
+    x, y, out = flat(first), flat(second), flat(total)
     for k in range(x.shape[0]):
         out[k] = x[k] + share * y[k]
 

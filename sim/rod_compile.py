@@ -15,9 +15,9 @@ from numba import njit
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 # for what is called from compiled code only: the way in from Python takes as long to compile as the function itself
-inner = njit(fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = njit(_nrt=False, fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 # the same, for what is called in one place: otherwise it is optimised once alone and once more inside its caller
-inlined = njit(inline="always")
+inlined = njit(_nrt=False, inline="always")
 
 
 def source_stamp() -> str:

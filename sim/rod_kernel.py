@@ -40,7 +40,6 @@ from sim.rod_algebra import (
     copy_into,
     dot,
     factorise,
-    flat_rows,
     gather,
     gram,
     solve_backward,
@@ -73,6 +72,7 @@ from sim.rod_placement import place_rod
 from sim.rod_rotation import advance_rotation, bend_on, carry_bends, carry_spin, roll_rate, turn_gain
 from sim.rod_row import note_kink, write_row
 from sim.rod_rule import Rule
+from sim.rod_views import flat, flat_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ _EASY_SOLVES = 2.0  # nor solved more often than so
 @inner
 def _missed(rate: FloatArray, change: FloatArray, foretold: FloatArray) -> float:
     """|G(u + Δ/2) − what was foretold of it|²."""
-    x, y, z = rate.ravel(), change.ravel(), foretold.ravel()
+    x, y, z = flat(rate), flat(change), flat(foretold)
     total = 0.0
     for k in range(x.shape[0]):
         total += (x[k] + 0.5 * y[k] - z[k]) ** 2
@@ -272,9 +272,9 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
                 push(h, bend, gx, gy, gz, rule, state.push_N, state.push_N_m, bias)
         if not repeat:
             break
-    after = bias.ravel()  # free from here on
+    after = flat(bias)  # free from here on
     if kept:
-        now, scratch = after[:6], change.ravel()
+        now, scratch = after[:6], flat(change)
         outside_impulse(
             0.5 * h, physics.mass_kg, gx, gy, gz, state.push_N, state.push_N_m, work.place_m, arm, state.momentum, now
         )  # fmt: skip
@@ -289,7 +289,7 @@ def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contac
     flag[ADVICE] = 2.0 * h
     if physics.tolerance > 0.0 and flag[STEPS] > 0.0:
         error = _error(
-            h, physics.mass_kg, physics.radius_m, rows, vector, state.gain, work.triple.ravel(), work.foretold
+            h, physics.mass_kg, physics.radius_m, rows, vector, state.gain, flat(work.triple), work.foretold
         )  # fmt: skip
         flag[ADVICE] = h * min(2.0, max(0.25, 0.9 * (physics.tolerance / max(error, 1e-30)) ** (1.0 / 3.0)))
         if error > 2.0 * physics.tolerance and h > 2.0**-_HALVINGS * physics.step_s:
@@ -351,7 +351,7 @@ def _follow_drive(drive: FloatArray, t_s: float, h: float, state: State, physics
 
 
 def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, nogil=True, fastmath=FAST_MATH)
+    @njit(_nrt=False, cache=True, nogil=True, fastmath=FAST_MATH)
     def play(
         memory: FloatArray,
         layout: Layout,
@@ -360,11 +360,13 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         samples: int,
         steps: int,
         out: FloatArray,
+        seen: FloatArray,
     ) -> int:
         """Advance a rod by samples × steps steps; a row of `out` after each sample. Returns the samples done.
 
         memory: as `rod_memory.carve` lays it out. drive: as `rod_drive` lays it out. out: (samples, ROW_SIZE), or
-        (0, ROW_SIZE) for none. steps = 0 only looks at the rod as it is.
+        (0, ROW_SIZE) for none. seen: the beginning of the memory after each sample (`rod_memory.Instants`), or none of
+        it, (0, …). steps = 0 only looks at the rod as it is, or at the instants of `seen` one after another.
         """
         state, rule, contacts, work, _ = carve(memory, layout)
         going = len(stamp) > 0
@@ -428,6 +430,11 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                         state.velocity[f] = 0.0
             if not going:
                 return sample
+            if seen.shape[0] > 0:
+                if steps > 0:
+                    copy_into(memory[: seen.shape[1]], seen[sample])
+                else:
+                    copy_into(seen[sample], memory)
             if out.shape[0] > 0:
                 if flag[ASLEEP] > 0.0 and sample > 0 and out[sample - 1, 35] > 0.0:
                     for k in range(ROW_SIZE):

@@ -22,7 +22,8 @@ _LANE = 8  # every array starts on a multiple of this
 DRIVE_SIZE = 16
 
 
-ALOFT, RESTED, TIME, WORK, ADVICE, KINKED, STEPS, ASLEEP, SOLVES, AUDITED, CEILING, LARGEST, CREATED = range(13)
+FLAGS = 13
+ALOFT, RESTED, TIME, WORK, ADVICE, KINKED, STEPS, ASLEEP, SOLVES, AUDITED, CEILING, LARGEST, CREATED = range(FLAGS)
 """Places of `State.flag`."""
 
 
@@ -201,9 +202,44 @@ def _line(memory: FloatArray, at: int, size: int) -> tuple[FloatArray, int]:
     return memory[at : at + size], at + (size + _LANE - 1) // _LANE * _LANE
 
 
+def _lines(*sizes: int) -> list[int]:
+    """Where arrays of these sizes begin, one after another, and where the last one ends."""
+    starts = [0]
+    for size in sizes:
+        starts.append(starts[-1] + (size + _LANE - 1) // _LANE * _LANE)
+    return starts
+
+
+class Instants(NamedTuple):
+    """What pose, shape and motion of a rod follow from, at many instants: the beginning of a rod's memory, as views.
+
+    Axes as in `State`, behind those of the instants.
+    """
+
+    position_m: FloatArray
+    rotation: FloatArray
+    strain: FloatArray
+    velocity: FloatArray
+    momentum: FloatArray
+    flag: FloatArray
+
+
+def instant_size(layout: Layout) -> int:
+    """Numbers that an instant takes."""
+    return _lines(3, 9, layout.strains, 6 + layout.strains, 6, FLAGS)[-1]
+
+
+def instants(memory: FloatArray, layout: Layout) -> Instants:
+    """Views of instants, shape (…, instant_size); of a rod's whole memory, its own."""
+    sizes = (3, 9, layout.strains, 6 + layout.strains, 6, FLAGS)
+    lines = [memory[..., at : at + size] for at, size in zip(_lines(*sizes), sizes, strict=False)]
+    lines[1] = lines[1].reshape(*lines[1].shape[:-1], 3, 3)
+    return Instants(*lines)
+
+
 @register_jitable
 def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Work, int]:
-    """The views of a rod's memory, and the length used."""
+    """The views of a rod's memory, and the length used. It begins with what `Instants` has, in that order."""
     modes, points, half, strains = layout.modes, layout.points, layout.half, layout.strains
     columns = layout.columns
     spots = layout.spots
@@ -215,13 +251,13 @@ def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Wo
     rotation = flat.reshape(3, 3)
     strain, at = _line(memory, at, strains)
     velocity, at = _line(memory, at, size)
+    momentum, at = _line(memory, at, 6)
+    flag, at = _line(memory, at, FLAGS)
     flat, at = _line(memory, at, touches)
     load_m_s2 = flat.reshape(spots, points)
     flat, at = _line(memory, at, 2 * touches)
     bristle_m = flat.reshape(2, spots, points)
     roll_bristle, at = _line(memory, at, points)
-    momentum, at = _line(memory, at, 6)
-    flag, at = _line(memory, at, 13)
     rest_strain, at = _line(memory, at, strains)
     lagged_1_m, at = _line(memory, at, 2)
     flat, at = _line(memory, at, strains * strains)

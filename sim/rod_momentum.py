@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rod_algebra import add_scaled, dot, factorise, flat_rows, gram, solve_backward, solve_forward
+from sim.rod_algebra import add_scaled, dot, factorise, gram, solve_backward, solve_forward
 from sim.rod_compile import inner
+from sim.rod_views import flat_rows
 
 FloatArray = NDArray[np.float64]
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rod_algebra import copy_into, integrate_three
+from sim.rod_algebra import copy_into, integrate_rows, integrate_three
 from sim.rod_compile import inner
 from sim.rod_memory import Layout, Physics, State, Work
 from sim.rod_rotation import advance_rotation, bend_on, roll_rate
 from sim.rod_rule import Rule
+from sim.rod_views import flat
 
 FloatArray = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ def place_rod(state: State, physics: Physics, rule: Rule, work: Work, layout: La
     axes = work.section.shape[0]  # not written as 3: the compiler would unroll every loop, for longer than it saves
     strain, section, r, rows = work.strain, work.section, work.place_m, work.rows
     velocity = state.velocity
-    n, modes, half, base, columns = layout.points, layout.modes, layout.half, layout.base, layout.columns
+    n, modes, base, columns = layout.points, layout.modes, layout.base, layout.columns
     if ahead_s == 0.0:
         copy_into(state.strain, strain)
     else:
@@ -105,12 +106,8 @@ def place_rod(state: State, physics: Physics, rule: Rule, work: Work, layout: La
                 density[d, 0, k, i] = rule.mode[m, i] * section[c, k, i]
             for i in range(n):
                 density[d, 1, k, i] = rule.mode[m, i] * cross[c, k, i]
-    lines = bends * 6 * (n // half)
-    np.dot(
-        density[base : base + bends].reshape(lines, half),
-        rule.integral,
-        swept[base : base + bends].reshape(lines, half),
-    )
+    first, last = base * 6 * n, (base + bends) * 6 * n
+    integrate_rows(flat(density)[first:last], rule.integral, flat(swept)[first:last])
 
     bend = 0.5 * physics.radius_m
     for d in range(base):

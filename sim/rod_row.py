@@ -11,6 +11,7 @@ from sim.rod_ground import profile_gap
 from sim.rod_memory import ALOFT, ASLEEP, KINKED, TIME, WORK, Layout, Physics, State, Work
 from sim.rod_momentum import settle_base, take_momentum
 from sim.rod_rule import Rule
+from sim.rod_views import flat
 
 FloatArray = NDArray[np.float64]
 
@@ -45,7 +46,7 @@ def write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: La
         for a in range(base):
             f = int(work.column[a])
             row[16 + f if f < 3 else 10 + f] += change[a]
-    momentum = work.foretold.ravel()  # free here
+    momentum = flat(work.foretold)  # free here
     take_momentum(base, rows, rate, work.column, arm, momentum)
     row[22] = state.strain[3 * layout.modes] if physics.stretches else 1.0
     row[23], row[24] = state.strain[1], -state.strain[0]

@@ -11,7 +11,7 @@ Scenes that a sequencer drives are run by the nodes, on a bus.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -21,7 +21,6 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from sim import motion_rows
-from sim.between_steps import Instant
 from sim.body import Body, BrokenOff, Twin
 from sim.drive import active_side_rad, amplitude, bend_1_m, lost_shares, pressures_Pa
 from sim.recorder import Record, Recorder, samples_of
@@ -64,11 +63,14 @@ class PlayingTwin(Twin, Protocol):
 class FilledTwin(PlayingTwin, Protocol):
     """One that knows where it was between two steps."""
 
-    def instant(self) -> Instant:
-        """The twin now."""
+    def play_seen(self, drive: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
+        """A step each sample: rows of motion and where the twin was, before the first and after each."""
 
-    def between(self, start: Instant, end: Instant, count: int) -> Iterator[tuple[FloatArray, Twin]]:
-        """Row of motion and twin as it was at each of the `count` − 1 instants between two ends of a step."""
+    def fill(self, rows: FloatArray, seen: FloatArray, parts: int) -> tuple[FloatArray, FloatArray]:
+        """The same after the first, `parts` for each step."""
+
+    def seen_at(self, instant: FloatArray) -> Twin:
+        """The twin at one of these, to be looked at."""
 
 
 @dataclass(frozen=True)
@@ -253,7 +255,7 @@ class _InBlocks:
         except SimulationError as error:
             if isinstance(error, BrokenOff) and len(error.rows) > 0:
                 parts.append(error.rows)
-                at += len(error.rows)
+                at += len(error.rows) // self._parts
             if not parts:
                 raise
             self._failure = error  # once what came before it is recorded
@@ -281,30 +283,37 @@ class _InBlocks:
         return rows
 
     def _play_filled(self, twin: FilledTwin, at: int, end: int) -> FloatArray:
-        """The next step, with the samples in it; many of them at once while the robot sleeps."""
-        every, parts = self._recorder.shape_every, self._parts
+        """Samples from `at` on, to where a fault strikes, but not beyond `end`, each a step with samples in it."""
+        parts, first = self._parts, at * self._parts
         undisturbed = self._undisturbed(at) if self._asleep else 0
-        start = twin.instant() if undisturbed < 1 else None
-        count = min(end - at, max(1, undisturbed))
+        count = end - at if undisturbed < 1 else min(end - at, undisturbed)
         ahead = self._given.strike(at)
         if ahead is not None and ahead < count:
             count = max(1, ahead)
         self._recorder.start_clock()
-        rows = twin.play(self._given.numbers, count, 1)
+        if undisturbed > 0:
+            rows = np.repeat(twin.play(self._given.numbers, count, 1), parts, axis=0)
+            self._recorder.stop_clock()
+            self._recorder.shape([(n + 1) * self._recorder.sample_s for n in self._due(first, len(rows))], twin)
+            return rows
+        broken = None
+        try:
+            rows, seen = twin.play_seen(self._given.numbers, count)
+        except BrokenOff as error:
+            broken, rows, seen = error, error.rows, error.seen
         self._recorder.stop_clock()
-        filled = np.repeat(rows, parts, axis=0)
-        first = at * parts
-        due = range(first + -first % every, first + len(filled), every) if every is not None else range(0)
-        if start is None:
-            self._recorder.shape([(n + 1) * self._recorder.sample_s for n in due], twin)
-            return filled
-        for j, (row, then) in enumerate(twin.between(start, twin.instant(), parts)):
-            filled[j] = row
-            if first + j in due:
-                self._recorder.shape(((first + j + 1) * self._recorder.sample_s,), then)
-        if first + parts - 1 in due:
-            self._recorder.shape(((first + parts) * self._recorder.sample_s,), twin)
-        return filled
+        rows, seen = twin.fill(rows, seen, parts)
+        for n in self._due(first, len(rows)):
+            self._recorder.shape(((n + 1) * self._recorder.sample_s,), twin.seen_at(seen[n - first]))
+        if broken is not None:
+            broken.rows = rows
+            raise broken
+        return rows
+
+    def _due(self, first: int, count: int) -> range:
+        """Samples from `first` on that have a shape."""
+        every = self._recorder.shape_every
+        return range(first + -first % every, first + count, every) if every is not None else range(0)
 
     def _undisturbed(self, at: int) -> int:
         """Samples from `at` on in which the drive leaves a sleeping robot alone, so that its shape stays."""
@@ -328,7 +337,7 @@ class _InBlocks:
         """The shape at the last of these samples, if it has one; a robot that slept had the same all along."""
         last = at + len(rows) - 1
         slept = self._asleep and bool(np.all(rows[:, motion_rows.ASLEEP] == 1.0))
-        due = range(at + -at % every, last + 1, every) if slept else range(last, last + (last % every == 0))
+        due = self._due(at, len(rows)) if slept else range(last, last + (last % every == 0))
         if len(due):
             self._recorder.shape([(n + 1) * self._sample_s for n in due], self._twin)
 

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable
 from typing import IO, TYPE_CHECKING, Any
 
 from softbot.errors import InputError, SimulationError, SoftbotError
+from softbot.one_thread import ONE_THREAD
 
 if TYPE_CHECKING:
     from sim.recorder import Record
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 _AT_ONCE = 16  # scenes that a process is given at most, so that it need not wait for the next
 _SHARES = 8  # parts that the work of each process is cut into, so that all end together
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _READY = "ready"
 _LISTENING_S = 0.2  # how long an interrupt may go unheard
 
@@ -238,7 +238,7 @@ class _Pool:
 
 def _start() -> subprocess.Popen[bytes]:
     paths = [os.path.abspath(path) for path in sys.path]  # so that what the caller can import can be here
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **dict.fromkeys(_ONE_THREAD, "1")}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **dict.fromkeys(ONE_THREAD, "1")}
     command = [sys.executable, "-c", "from sim.run_many import serve; serve()"]
     try:
         return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)

@@ -32,6 +32,7 @@ faults of a scene into what the plant is like at a time. Nothing here is random:
 | `friction_lost`   | the floor keeps 1 - s of its friction                                                  |
 | `friction_high`   | the floor has 1 + 4 s times its friction                                               |
 | `payload`         | a weight of s times the robot's own rests on it, along its length, without inertia     |
+| `obstacle`        | a kerb of s times the robot's radius across its way, a radius ahead of it; it stays    |
 
 A rupture of severity 1 passes ten times what the supply valve does: with the valve fully open the chamber
 stays below 5 % of the supply's gauge pressure. With a leak of severity 1 a chamber still reaches its
@@ -114,6 +115,7 @@ class FaultKind(StrEnum):
     FRICTION_LOST = "friction_lost"
     FRICTION_HIGH = "friction_high"
     PAYLOAD = "payload"
+    OBSTACLE = "obstacle"
 
 
 KIND_CODES: dict[FaultKind, int] = {kind: code for code, kind in enumerate(FaultKind, start=1)}
@@ -131,6 +133,7 @@ SHARED_KINDS = frozenset(
         FaultKind.FRICTION_LOST,
         FaultKind.FRICTION_HIGH,
         FaultKind.PAYLOAD,
+        FaultKind.OBSTACLE,
     }
 )
 """Faults of what the chambers share: they name no chamber."""

@@ -63,7 +63,8 @@ IMU_STUCK = GYRO_OFFSET + 1
 IMU_DEAD = IMU_STUCK + 1
 FRICTION_FACTOR = IMU_DEAD + 1
 PAYLOAD_SHARE = FRICTION_FACTOR + 1
-PLANT_CONDITIONS_SIZE = PAYLOAD_SHARE + 1
+KERB_SHARE = PAYLOAD_SHARE + 1
+PLANT_CONDITIONS_SIZE = KERB_SHARE + 1
 
 # Places in a row of the faults' array.
 _T, _CHAMBER, _KIND, _SEVERITY, _RAMP, _PERIOD, _DUTY = range(7)
@@ -94,6 +95,7 @@ _BALLOONING = KIND_CODES[FaultKind.BALLOONING]
 _FRICTION_LOST = KIND_CODES[FaultKind.FRICTION_LOST]
 _FRICTION_HIGH = KIND_CODES[FaultKind.FRICTION_HIGH]
 _PAYLOAD = KIND_CODES[FaultKind.PAYLOAD]
+_OBSTACLE = KIND_CODES[FaultKind.OBSTACLE]
 
 
 def faults_array(faults: Sequence[Fault]) -> FloatArray:
@@ -136,7 +138,7 @@ def conditions_at(t_s: float, faults: FloatArray, out: FloatArray) -> None:
         out[SENSOR_SOURCE + i] = i
         out[WIDENING_1_Pa + i] = 0.0
     out[SUPPLY_FACTOR] = out[SUPPLY_PRESSURE_FACTOR] = out[FRICTION_FACTOR] = 1.0
-    out[GYRO_OFFSET] = out[IMU_STUCK] = out[IMU_DEAD] = out[PAYLOAD_SHARE] = 0.0
+    out[GYRO_OFFSET] = out[IMU_STUCK] = out[IMU_DEAD] = out[PAYLOAD_SHARE] = out[KERB_SHARE] = 0.0
     for n in range(faults.shape[0]):
         fault = faults[n]
         there = _present(fault, t_s)
@@ -196,6 +198,8 @@ def conditions_at(t_s: float, faults: FloatArray, out: FloatArray) -> None:
             out[FRICTION_FACTOR] *= 1.0 + FRICTION_GAIN * s
         elif kind == _PAYLOAD:
             out[PAYLOAD_SHARE] += s
+        elif kind == _OBSTACLE:
+            out[KERB_SHARE] = s
 
 
 @njit(cache=True)

@@ -21,9 +21,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from sim.run_many import run_many
+from sim.scene import Scene
 from softbot.campaign.campaign import Campaign, Draws
 from softbot.campaign.outcome import OUTCOME_SCHEMA, Seen, outcome
 from softbot.errors import InputError, SimulationError, SoftbotError
+from softbot.robot import Robot
 from softbot.toml_file import check, read_toml, write_toml
 
 CAMPAIGN_FILE, ROWS_FILE, RESULTS_FILE = "campaign.toml", "rows.jsonl", "results.parquet"
@@ -34,20 +36,25 @@ Told = Callable[[dict[str, Any]], None]
 
 def run_row(draws: Draws, number: int) -> dict[str, Any]:
     """Make run `number` of a campaign: its row. A run that fails has a row too, with the reason as its outcome."""
-    from sim.recorder import samples_of
-    from softbot.nodes.direct import DirectRun
-
     run = draws.run(number)
     row: dict[str, Any] = {"run": number, "case": run.case}
     try:
-        direct = DirectRun(run.scene, run.known)
-        trace = direct.advance(samples_of(run.scene)).trace
-        limit_Pa = run.known.pneumatics.max_chamber_pressure_Pa
-        row |= outcome(Seen(run.scene, trace, direct.detections(), direct.recoveries(), limit_Pa))
+        row |= direct_row(run.scene, run.known)
     except SimulationError as error:
         row["outcome"] = f"failed: {error}"
     row["drawn"] = json.dumps(run.values, sort_keys=True)
     return row
+
+
+def direct_row(scene: Scene, known: Robot | None = None) -> dict[str, Any]:
+    """Run a scene without a bus: what became of it. Raises SimulationError when it fails."""
+    from sim.recorder import samples_of
+    from softbot.nodes.direct import DirectRun
+
+    direct = DirectRun(scene, known)
+    trace = direct.advance(samples_of(scene)).trace
+    limit_Pa = (known or scene.robot).pneumatics.max_chamber_pressure_Pa
+    return outcome(Seen(scene, trace, direct.detections(), direct.recoveries(), limit_Pa))
 
 
 def rows_here(campaign: Campaign, source: str, folder: str, number: int) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from softbot.campaign.campaign import Draws
-from softbot.campaign.statistics import percent
+from softbot.campaign.statistics import false_alarm_words, percent
 
 REPORT_FILE = "report.html"
 _MOST_BARS = 40
@@ -42,11 +42,10 @@ def write_page(draws: Draws, table: pa.Table, found: dict[str, Any], folder: Pat
 def page(draws: Draws, table: pa.Table, found: dict[str, Any], folder: Path) -> str:
     """The report as a text."""
     campaign = draws.campaign
-    per_hour = found["false_alarms_per_hour"]
     facts = [
         ("runs", f"{found['runs']} ({found['failed_runs']} failed)"),
-        ("rolled before any fault", f"{found['hours_before_faults']:.2f} h"),
-        ("false alarms", f"{found['false_alarms']}" + ("" if per_hour is None else f", {per_hour:.3g} an hour")),
+        ("false alarms", false_alarm_words(found)),
+        ("false verdicts beside a fault, on chambers that had none", str(found["false_alarms_beside_a_fault"])),
         ("single faults found", percent(found["single"]["detected"])),
         ("single faults named right", percent(found["single"]["named_right"])),
         ("sensor faults told from chamber faults", percent(found["sensor_told_from_chamber"])),

@@ -66,16 +66,22 @@ def statistics(table: pa.Table) -> dict[str, Any]:
     columns = {name: table.column(name).to_pylist() for name in table.column_names}
     done = [outcome == "done" for outcome in columns["outcome"]]
     rolling_h = sum(value or 0.0 for value in columns["rolling_s"]) / HOUR_S
-    false_alarms = sum(value or 0 for value in columns["false_alarms"])
+    beside = sum(value or 0 for value in columns["false_alarms_beside"])
+    false_alarms = sum(value or 0 for value in columns["false_alarms"]) - beside
+    healthy = [
+        value or 0.0 for value, faults in zip(columns["rolling_s"], columns["faults"], strict=True) if faults == 0
+    ]
     single = [i for i in range(table.num_rows) if done[i] and columns["faults"][i] == 1]
     double = [i for i in range(table.num_rows) if done[i] and (columns["faults"][i] or 0) > 1]
     kinds = sorted({columns["fault_0_kind"][i] for i in single})
     return {
         "runs": table.num_rows,
         "failed_runs": done.count(False),
-        "hours_before_faults": rolling_h,
+        "hours_without_fault": rolling_h,
+        "hours_of_healthy_runs": sum(healthy) / HOUR_S,
         "false_alarms": false_alarms,
         "false_alarms_per_hour": false_alarms / rolling_h if rolling_h > 0.0 else None,
+        "false_alarms_beside_a_fault": beside,
         "single": _group(columns, single),
         "by_kind": {kind: _group(columns, [i for i in single if columns["fault_0_kind"][i] == kind]) for kind in kinds},
         "by_case": {
@@ -179,8 +185,9 @@ def lines(found: dict[str, Any]) -> list[tuple[str, str]]:
     shown = [("runs", f"{found['runs']}" + (f", {found['failed_runs']} failed" if found["failed_runs"] else ""))]
     per_hour = found["false_alarms_per_hour"]
     if per_hour is not None:
-        hours = found["hours_before_faults"]
-        shown.append(("false alarms", f"{found['false_alarms']} in {hours:.2f} h of rolling ({per_hour:.2g} an hour)"))
+        shown.append(("false alarms", false_alarm_words(found)))
+    if found["false_alarms_beside_a_fault"]:
+        shown.append(("false beside a fault", f"{found['false_alarms_beside_a_fault']} on chambers that had none"))
     if single["runs"]:
         shown.append(
             (
@@ -201,6 +208,19 @@ def lines(found: dict[str, Any]) -> list[tuple[str, str]]:
         if runs:
             shown.append((name, "runs " + ", ".join(str(run) for run in runs)))
     return shown
+
+
+def false_alarm_words(found: dict[str, Any]) -> str:
+    """The false alarms with what they are counted over."""
+    per_hour = found["false_alarms_per_hour"]
+    if per_hour is None:
+        return "nothing rolled without a fault"
+    whole = found["hours_of_healthy_runs"]
+    return (
+        f"{found['false_alarms']} in {found['hours_without_fault']:.2f} h of rolling with nothing wrong "
+        f"({per_hour:.2g} an hour): {whole:.2f} h of healthy runs, {found['hours_without_fault'] - whole:.2f} h before "
+        "faults"
+    )
 
 
 def percent(share: float | None) -> str:

@@ -3,6 +3,9 @@
 
 def main() -> None:
     """The `softbot` command."""
+    from softbot.one_thread import keep_to_one_thread
+
+    keep_to_one_thread()
     from softbot.cli.app import app
 
     app()

@@ -26,6 +26,7 @@ from softbot.cli.replay import replay
 from softbot.cli.report import report
 from softbot.cli.run import run
 from softbot.cli.sequence import sequence
+from softbot.cli.shadow import shadow
 
 app = typer.Typer(
     name="softbot",
@@ -51,6 +52,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "monitor": monitor,
     "parameters": parameters,
     "replay": replay,
+    "shadow": shadow,
     "campaign": campaign,
     "bench": bench,
     "figure": figure,

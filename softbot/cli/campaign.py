@@ -27,6 +27,18 @@ def campaign(
     replay: Annotated[
         int | None, typer.Option(metavar="RUN", help="Make this one run on the bus, with telemetry and report.")
     ] = None,
+    compare: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Make the first N runs again over a bus, and tell in how many the verdict is the same."
+        ),
+    ] = None,
+    twin: Annotated[
+        str,
+        typer.Option(metavar="rod|bullet", help="--compare: the twin to make them with; bullet: PyBullet's segments."),
+    ] = "rod",
+    interface: Annotated[str | None, typer.Option(help="--compare: bus to make them over. Default: virtual.")] = None,
+    channel: Annotated[str, typer.Option(help="--compare: channel of that bus.")] = "vcan0",
     json: Json = False,
 ) -> None:
     """Make the runs of a campaign.
@@ -54,6 +66,9 @@ def campaign(
     if replay is not None:
         _replay(draws, replay, folder, json=json)
         return
+    if compare is not None:
+        _compare(draws, compare, twin, None if interface is None else (interface, channel), json=json)
+        return
     found = _carry_out(draws, folder, processes, scheduler)
     if json:
         typer.echo(json_format.dumps(found, allow_nan=False))
@@ -70,6 +85,62 @@ def _replay(draws: Any, number: int, folder: Path, *, json: bool) -> None:
         raise InputError(f"--replay {number}: the campaign has runs 0 to {draws.campaign.runs - 1}")
     run = draws.run(number)
     perform(run.scene, open_run_folder(run.scene.name, folder / f"run-{number}"), json=json, known=run.known)
+
+
+def _compare(draws: Any, count: int, twin: str, transport: tuple[str, str] | None, *, json: bool) -> None:
+    import json as json_format
+
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from softbot.campaign.comparison import compare, summary_of
+    from softbot.campaign.statistics import percent
+    from softbot.cli.compiling import told_of_compiling
+    from softbot.cli.perform import import_twin, prepare
+    from softbot.cli.streams import messages, nothing_printed
+    from softbot.errors import InputError
+    from softbot.nodes.direct import warm_up
+
+    if not 0 < count <= draws.campaign.runs:
+        raise InputError(f"--compare {count}: the campaign has {draws.campaign.runs} runs; give 1 to that")
+    if twin not in ("rod", "bullet"):
+        raise InputError(f"--twin {twin}: there are rod and bullet")
+    first = draws.run(0).scene
+    again = first.model_copy(update={"solver": first.solver.model_copy(update={"twin": twin})})
+    import_twin(again)
+    with nothing_printed(quiet=False), told_of_compiling("preparing", "compiling the twins, once on this machine"):
+        warm_up(first)
+        prepare(again)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = messages()
+    with (
+        Progress(*columns, console=console, transient=True, disable=console.quiet) as bar,
+        nothing_printed(quiet=False),
+    ):
+        task = bar.add_task(f"{draws.campaign.name} on {twin}", total=count)
+        found = compare(
+            draws, range(count), twin=twin, transport=transport, told=lambda one: bar.update(task, advance=1)
+        )
+    told = {"twin": twin, "bus": "virtual" if transport is None else " ".join(transport), **summary_of(found)}
+    if json:
+        typer.echo(json_format.dumps(told, allow_nan=False))
+        return
+    typer.echo(
+        f"the same verdict in {told['same']} of {told['runs']} runs ({percent(told['same_share'])}), made again with "
+        f"the {twin} twin over a {told['bus']} bus"
+    )
+    if told["found_later_median_s"] is not None:
+        typer.echo(f"found later there, median: {told['found_later_median_s']:.2f} s")
+    for one in told["others"]:
+        typer.echo(
+            f"run {one['run']} ({one['case']}): {_said(one['campaign'])} in the campaign, {_said(one['again'])} there"
+        )
+
+
+def _said(verdict: dict[str, Any]) -> str:
+    if verdict["failed"] is not None:
+        return f"failed ({verdict['failed']})"
+    named = "; ".join(verdict["named"]) or "nothing struck"
+    return named + (", false alarm" if verdict["alarmed"] else "")
 
 
 def _carry_out(draws: Any, folder: Path, processes: int | None, scheduler: str | None) -> dict[str, Any]:

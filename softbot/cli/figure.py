@@ -9,6 +9,9 @@ import typer
 
 from softbot.cli.options import Json
 
+PACKAGES = ("sim.figures", "softbot.nodes.figures")
+"""Where there are figures: of theory and twins, and of a robot under its sequencer."""
+
 
 def figure(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Figure; without it they are listed.")] = None,
@@ -19,7 +22,7 @@ def figure(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Draw a figure: the paper's curvature and moments, maps and margins of the twins."""
+    """Draw a figure: the paper's curvature, moments and recovery, maps and margins of the twins."""
     import json as json_format
 
     from sim.figures import draw, figures
@@ -28,7 +31,7 @@ def figure(
     from softbot.toml_file import override
 
     if name is None:
-        listed = figures()
+        listed = figures(PACKAGES)
         text = "\n".join(f"{one:24} {line}" for one, line in listed.items())
         typer.echo(json_format.dumps({"figures": listed}) if json else text)
         return
@@ -36,7 +39,7 @@ def figure(
     if path.is_dir():
         raise InputError(f"--out {path}: is a folder; name a file in it")
     with messages().status(f"drawing {name} (the first time the twins are compiled) …"), nothing_printed(quiet=json):
-        drawn = draw(name, path, override({}, options or []))
+        drawn = draw(name, path, override({}, options or []), PACKAGES)
     if json:
         typer.echo(json_format.dumps({"figure": name, "path": str(path), **drawn}, allow_nan=False))
         return

@@ -40,6 +40,7 @@ def monitor(
 
     from firmware_protocol.bus_watch import BusWatch
     from softbot.errors import InputError
+    from softbot.nodes.listening import arrived
     from softbot.nodes.wall_clock import open_live, stopped_by_signals
 
     if duration_s is not None and not 0.0 < duration_s < math.inf:
@@ -51,7 +52,8 @@ def monitor(
         started_s = time.monotonic()
         shown_s = -math.inf
         while not stop.is_set() and (duration_s is None or time.monotonic() - started_s < duration_s):
-            listen(bus, watch, 0.05)
+            for frame, stamp_s in arrived(bus, 0.05):
+                watch.see(frame, stamp_s)
             if live is not None and time.monotonic() - shown_s >= _SHOWN_S:
                 shown_s = time.monotonic()
                 live.update(picture(watch, time.time(), title), refresh=True)
@@ -60,27 +62,6 @@ def monitor(
     else:
         wide = Console(width=max(console.width, _WIDTH)) if not console.is_terminal else console
         wide.print(picture(watch, time.time(), title))
-
-
-def listen(bus: object, watch: BusWatch, wait_s: float) -> None:
-    """Wait for a frame for at most `wait_s`, then take all that have come."""
-    import can
-
-    from firmware_protocol.bus import drain, to_frame
-    from firmware_protocol.errors import BusError
-
-    assert isinstance(bus, can.BusABC)
-    try:
-        first = bus.recv(wait_s)
-    except (can.CanError, OSError) as error:
-        raise BusError(f"cannot receive on {bus.channel_info}: {error}; check that the bus is up") from error
-    if first is None:
-        return
-    frame = to_frame(first)
-    if frame is not None:
-        watch.see(frame, first.timestamp)
-    for frame, stamp_s in drain(bus):
-        watch.see(frame, stamp_s)
 
 
 def picture(watch: BusWatch, now_s: float, title: str) -> RenderableType:

@@ -33,7 +33,7 @@ def replay(
 
     checked = load_scene(scene, tuple(assignments or ()))
     check_drive(checked, "replay")
-    found = replay_trace(trace, checked)
+    found = replay_trace(trace, checked.robot)
     typer.echo(json_format.dumps(found.report()) if json else in_words(found))
 
 
@@ -44,10 +44,15 @@ def in_words(found: Replay) -> str:
         f"frames of the board; {found.refused} refused"
     ]
     for one in found.detections:
-        where, kind = f"chamber {one.chamber}", str(one.kind).replace("_", " ")
-        lines.append(f"found     {one.t_s:.2f} s: {where}, {kind} ({100.0 * one.confidence:.0f} %)")
+        kind = str(one.kind).replace("_", " ")
+        lines.append(f"found     {one.t_s:.2f} s: {_where(one.chamber)}, {kind} ({100.0 * one.confidence:.0f} %)")
     if not found.detections:
         lines.append("found     nothing")
     for told in found.recorded:
-        lines.append(f"recorded  {told['t_s']:.2f} s: chamber {told['chamber']}, {str(told['kind']).replace('_', ' ')}")
+        kind = str(told["kind"]).replace("_", " ")
+        lines.append(f"recorded  {told['t_s']:.2f} s: {_where(told['chamber'])}, {kind}")
     return "\n".join(lines)
+
+
+def _where(chamber: object) -> str:
+    return f"chamber {chamber}" if isinstance(chamber, int) and chamber >= 0 else "the robot"

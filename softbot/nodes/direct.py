@@ -150,7 +150,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
             t_s = np.round(1e6 * (cycle * period_s)) / 1e6
             velocity = state.velocity
             if state.flag[_ALOFT] == 1.0:  # the base's own velocity is not yet what its momentum asks for
-                play(rod.memory, rod.layout, physics, hold, 1, 0, look)
+                play(rod.memory, rod.layout, physics, hold, 1, 0, look, no_rows)
                 spin, speed = look[0, 13:16], look[0, 16:19]
             else:
                 spin, speed = velocity[3:6], velocity[0:3]
@@ -227,7 +227,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                 row[_FIRST_PRESSURE + i] = truth.pressure_Pa[i]
                 row[_FIRST_SETPOINT + i] = board.setpoint_Pa[i] if obeys else 0.0
             if traces.rows.shape[0] > 0:
-                play(rod.memory, rod.layout, physics, hold, 1, 0, traces.rows[n : n + 1])
+                play(rod.memory, rod.layout, physics, hold, 1, 0, traces.rows[n : n + 1], no_rows)
         return DONE if len(stamp) > 0 else 0
 
     return cycles

@@ -1,58 +1,31 @@
 """A stroboscopic picture of a run: the rolling tube at several times, its stripes, its path and what it lost.
 
-The tube is projected and sorted here and drawn by matplotlib as flat quads, because matplotlib's own 3-D axes do not
-sort several surfaces against each other. Earlier poses are paler, so that the eye follows the robot.
+Earlier poses are paler, so that the eye follows the robot.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from softbot.errors import InputError
 from softbot.report.headline import spoken_kind, spoken_time
-from softbot.report.recording import CHAMBER_COUNT, Floats, Recording, read_recording
+from softbot.report.recording import Floats, Recording, read_recording
+from softbot.report.tube_picture import AROUND, BACKGROUND, Camera, fill, surface
 
-AROUND = 32
-"""Quads around the tube; a chamber's stripe covers four of the eight in its quarter."""
 MAX_POSES = 12
 CLEARANCE_RADII = 2.5
 """How near the middle lines of two poses may come; at 2 the tubes touch."""
 
-BACKGROUND = (0.955, 0.965, 0.968)
-BODY = (0.914, 0.886, 0.839)
-DEAD = (0.09, 0.10, 0.106)
-END = (0.31, 0.35, 0.38)
-CHAMBERS = ((0.122, 0.471, 0.820), (0.910, 0.537, 0.047), (0.039, 0.608, 0.424), (0.761, 0.251, 0.604))
 PATH = "#1769aa"
 GRID = "#c3d0d6"
 INK = "#1c2329"
 FAULT = "#d42c2c"
 RECOVERY = "#0a8a5c"
-
-
-@dataclass(frozen=True, slots=True)
-class _Camera:
-    """A parallel projection: `right` and `up` span the picture, `towards` points to the camera."""
-
-    right: Floats
-    up: Floats
-    towards: Floats
-
-    @classmethod
-    def looking(cls, azimuth_rad: float, elevation_rad: float) -> _Camera:
-        ca, sa, ce, se = math.cos(azimuth_rad), math.sin(azimuth_rad), math.cos(elevation_rad), math.sin(elevation_rad)
-        return cls(np.array([-sa, ca, 0.0]), np.array([-se * ca, -se * sa, ce]), np.array([ce * ca, ce * sa, se]))
-
-    def flat(self, points_m: Floats) -> Floats:
-        """Points (..., 3) in the picture's plane (..., 2) [m]."""
-        return np.stack([points_m @ self.right, points_m @ self.up], axis=-1)
 
 
 def write_still(run_dir: Path, path_png: Path, times_s: Sequence[float] | None = None) -> Path:
@@ -81,14 +54,12 @@ def write_still(run_dir: Path, path_png: Path, times_s: Sequence[float] | None =
 
 
 def _draw(axes: Any, recording: Recording, shown_s: Floats) -> None:
-    from matplotlib.collections import PolyCollection
-
     path_m = np.stack([recording.columns[f"com_{axis}_m"] for axis in "xyz"], axis=1)
     path_m = path_m[np.isfinite(path_m).all(axis=1)]
     if recording.has_ground:
         path_m[:, 2] = 0.0
-    camera = _Camera.looking(_heading(recording, path_m) - 1.0, 0.62)
-    meshes = [_mesh(recording, t_s) for t_s in shown_s]
+    camera = Camera.looking(_heading(recording, path_m) - 1.0, 0.62)
+    meshes = [surface(recording, t_s) for t_s in shown_s]
     # Only the part of the path between the first and the last pose is in the picture.
     corners = camera.flat(np.concatenate([mesh[0].reshape(-1, 3) for mesh in meshes]))
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -101,20 +72,7 @@ def _draw(axes: Any, recording: Recording, shown_s: Floats) -> None:
             _draw_shadow(axes, camera, mesh[0], recording.shapes.radius_m)
     axes.plot(*camera.flat(path_m).T, color=PATH, linewidth=2.2, solid_capstyle="round", zorder=3, alpha=0.85)
 
-    quads, colours, depths = [], [], []
-    for index, (corners_m, base) in enumerate(meshes):
-        age = 1.0 - (index + 1) / len(meshes)
-        shaded, facing = _shade(corners_m, base, camera)
-        paler = 0.5 * age
-        colours.append(((1.0 - paler) * shaded + paler * np.array(BACKGROUND))[facing])
-        quads.append(camera.flat(corners_m)[facing])
-        depths.append((corners_m.mean(axis=1) @ camera.towards)[facing])
-    order = np.argsort(np.concatenate(depths))
-    faces = np.concatenate(colours)[order].clip(0.0, 1.0)
-    tube = PolyCollection(
-        [*np.concatenate(quads)[order]], facecolors=faces, edgecolors=faces, linewidths=0.35, zorder=4
-    )
-    axes.add_collection(tube)
+    fill(axes, camera, meshes, [0.5 * (1.0 - (index + 1) / len(meshes)) for index in range(len(meshes))])
     _label(axes, camera, recording, shown_s, meshes)
 
 
@@ -146,71 +104,6 @@ def _heading(recording: Recording, path_m: Floats) -> float:
     return math.atan2(chord_m[1], chord_m[0]) + math.pi / 2.0
 
 
-def _mesh(recording: Recording, t_s: float) -> tuple[Floats, Floats]:
-    """The tube's surface at the frame nearest to a time: quad corners (quads, 4, 3) [m] and colours (quads, 3)."""
-    from scipy.interpolate import make_interp_spline
-
-    shapes = recording.shapes
-    frame = int(np.abs(shapes.t_s - t_s).argmin())
-    nodes = shapes.centreline_m.shape[1]
-    places = np.linspace(0, nodes - 1, 61)
-    degree = min(3, nodes - 1)
-    line_m = make_interp_spline(np.arange(nodes), shapes.centreline_m[frame], k=degree)
-    centre_m, tangent = line_m(places), _unit(line_m.derivative()(places))
-    e1 = make_interp_spline(np.arange(nodes), shapes.director[frame], k=degree)(places)
-    e1 = _unit(e1 - (e1 * tangent).sum(axis=1, keepdims=True) * tangent)
-    e2 = np.cross(tangent, e1)
-
-    # Rounded ends: rings that shrink and move outwards, half a radius long.
-    radius = np.concatenate([[0.01, 0.4, 0.72, 0.92], np.ones(places.size), [0.92, 0.72, 0.4, 0.01]])
-    along = 0.5 * np.sqrt(1.0 - radius**2) * np.where(np.arange(radius.size) < radius.size / 2, -1.0, 1.0)
-    node = np.concatenate([np.zeros(4, dtype=int), np.arange(places.size), np.full(4, places.size - 1)])
-    angle = 2.0 * math.pi * np.arange(AROUND) / AROUND
-    out = np.cos(angle)[None, :, None] * e1[node][:, None, :] + np.sin(angle)[None, :, None] * e2[node][:, None, :]
-    rings_m = centre_m[node][:, None, :] + shapes.radius_m * (
-        radius[:, None, None] * out + along[:, None, None] * tangent[node][:, None, :]
-    )
-    turned_m = np.roll(rings_m, -1, axis=1)
-    corners_m = np.stack([rings_m[:-1], turned_m[:-1], turned_m[1:], rings_m[1:]], axis=2)
-
-    colours = np.empty((*corners_m.shape[:2], 3))
-    colours[:] = BODY
-    colours[1::2] = np.array(BODY) * 0.965
-    dead_from_s = recording.dead_from_s()
-    for chamber in range(CHAMBER_COUNT):
-        dead_s = dead_from_s[chamber]
-        stripe = np.arange(8 * chamber - 2, 8 * chamber + 2) % AROUND
-        colours[:, stripe] = DEAD if dead_s is not None and t_s >= dead_s else CHAMBERS[chamber]
-    colours[:4] = colours[-4:] = END
-    return corners_m.reshape(-1, 4, 3), colours.reshape(-1, 3)
-
-
-def _shade(corners_m: Floats, base: Floats, camera: _Camera) -> tuple[Floats, NDArray[np.bool_]]:
-    """Colours (quads, 3) under a lamp above the camera's shoulder, and which quads face the camera."""
-    normal = _unit(np.cross(corners_m[:, 2] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 1]))
-    normal *= -1.0 if _inside_out(corners_m, normal) else 1.0
-    lamp = 0.35 * camera.right + 0.28 * camera.towards + np.array([0.0, 0.0, 0.85])
-    lamp /= np.linalg.norm(lamp)
-    half = (lamp + camera.towards) / np.linalg.norm(lamp + camera.towards)
-    light = 0.44 + 0.64 * np.maximum(normal @ lamp, 0.0)
-    shine = 0.24 * np.maximum(normal @ half, 0.0) ** 26
-    return base * light[:, None] + shine[:, None], normal @ camera.towards > 0.0
-
-
-def _inside_out(corners_m: Floats, normal: Floats) -> bool:
-    """Whether these normals point into the surface: the flux of position through it is three times its volume."""
-    return bool((corners_m.mean(axis=1) * normal).sum(axis=1) @ _areas(corners_m) < 0.0)
-
-
-def _areas(corners_m: Floats) -> Floats:
-    across = np.cross(corners_m[:, 2] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 1])
-    return 0.5 * np.linalg.norm(across, axis=1)
-
-
-def _unit(vectors: Floats) -> Floats:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-
-
 def _fit(axes: Any, low_m: Floats, high_m: Floats) -> None:
     """Limits that hold a box with equal scales, whatever the picture's proportions."""
     axes.set_axis_off()
@@ -221,7 +114,7 @@ def _fit(axes: Any, low_m: Floats, high_m: Floats) -> None:
     axes.set_ylim(centre_m[1] - scale * height / 2.0, centre_m[1] + scale * height / 2.0)
 
 
-def _draw_floor(axes: Any, camera: _Camera, recording: Recording) -> None:
+def _draw_floor(axes: Any, camera: Camera, recording: Recording) -> None:
     """A grid of 5 radii under everything in the picture."""
     from matplotlib.collections import LineCollection
 
@@ -236,7 +129,7 @@ def _draw_floor(axes: Any, camera: _Camera, recording: Recording) -> None:
     axes.add_collection(LineCollection([*camera.flat(np.array(lines))], colors=GRID, linewidths=0.6, zorder=1))
 
 
-def _draw_shadow(axes: Any, camera: _Camera, corners_m: Floats, radius_m: float) -> None:
+def _draw_shadow(axes: Any, camera: Camera, corners_m: Floats, radius_m: float) -> None:
     """The tube's outline on the floor, soft: a few copies of its middle line, from wide to narrow."""
     rings_m = corners_m.reshape(-1, AROUND, 4, 3)[:, :, 0].mean(axis=1)
     rings_m[:, 2] = 0.0
@@ -248,7 +141,7 @@ def _draw_shadow(axes: Any, camera: _Camera, corners_m: Floats, radius_m: float)
 
 
 def _label(
-    axes: Any, camera: _Camera, recording: Recording, shown_s: Floats, meshes: Sequence[tuple[Floats, Floats]]
+    axes: Any, camera: Camera, recording: Recording, shown_s: Floats, meshes: Sequence[tuple[Floats, Floats]]
 ) -> None:
     """The time beside each pose, and flags on the path where a chamber was lost and where the C was reversed first."""
     box_m = np.array([*axes.get_xlim(), *axes.get_ylim()])

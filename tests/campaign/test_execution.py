@@ -156,37 +156,70 @@ def test_the_report_shows_what_the_table_holds(make_draws: Make, whole: Path, tm
     assert f"/{len(single)} faults found" in tally.words()
 
 
+MANY = 120
+
+
+@pytest.fixture
+def many(make_draws: Make, tmp_path: Path) -> bytes:
+    """What a campaign of many runs ends with when nothing disturbs it."""
+    carry_out(make_draws(runs=MANY), tmp_path / "undisturbed")
+    return results(tmp_path / "undisturbed")
+
+
+def rows_in(folder: Path) -> int:
+    path = folder / ROWS_FILE
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
 @pytest.mark.slow
-def test_processes_killed_at_random_change_nothing(make_draws: Make, whole: Path, tmp_path: Path) -> None:
-    make_draws()  # writes short.toml
+def test_a_campaign_killed_ten_times_at_random_ends_with_the_same_bytes(
+    make_draws: Make, many: bytes, tmp_path: Path
+) -> None:
+    make_draws(runs=MANY)  # writes short.toml
     folder, chance = tmp_path / "often-killed", random.Random(5)
     command = [*COMMAND, str(tmp_path / "short.toml"), "--out", str(folder), "--json"]
-    for _ in range(10):
+    kept = [0]
+    for kill in range(10):
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(chance.uniform(0.5, 8.0))
+        # now and then while it starts, else in the middle of its work: at a row of its choice, and a moment later
+        wanted = -1 if kill in (2, 6) else kept[-1] + chance.randint(1, MANY // 12)
+        deadline_s = time.monotonic() + 120.0
+        while rows_in(folder) < wanted and process.poll() is None and time.monotonic() < deadline_s:
+            time.sleep(0.002)
+        time.sleep(chance.uniform(0.0, 0.1))
         process.send_signal(signal.SIGKILL)
         process.wait()
+        kept.append(rows_in(folder))
+    assert kept == sorted(kept)  # nothing is lost
+    assert len(set(kept)) > 5  # they were killed at work
+    assert kept[-1] < MANY
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert results(folder) == results(whole)
-    assert json.loads(done.stdout)["runs"] == 8
+    assert results(folder) == many
+    assert json.loads(done.stdout)["runs"] == MANY
 
 
 @pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(make_draws: Make, whole: Path, tmp_path: Path) -> None:
+def test_a_cluster_that_loses_a_worker_in_mid_run_gives_the_same_bytes(
+    make_draws: Make, many: bytes, tmp_path: Path
+) -> None:
     import distributed
 
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster),
+        distributed.Client(cluster) as client,
     ):
-        killed: list[int] = []
+        busy: list[int] = []
 
-        def kill_one(row: dict[str, Any]) -> None:
-            if not killed:
-                worker = next(iter(cluster.workers.values()))
-                killed.append(1)
+        def kill_one_at_work(row: dict[str, Any]) -> None:
+            if not busy:
+                at_work = [name for name, tasks in client.processing().items() if tasks]
+                worker = next(one for one in cluster.workers.values() if one.worker_address in at_work)
+                busy.append(len(at_work))
                 worker.process.process.kill()
 
-        carry_out(make_draws(), tmp_path / "cluster", scheduler=cluster.scheduler_address, told=kill_one)
-    assert results(tmp_path / "cluster") == results(whole)
+        carry_out(
+            make_draws(runs=MANY), tmp_path / "cluster", scheduler=cluster.scheduler_address, told=kill_one_at_work
+        )
+    assert busy
+    assert results(tmp_path / "cluster") == many

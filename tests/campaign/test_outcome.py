@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from controllers.interface import STATES, Detection, SequencerState
 from sim.scene import Scene, scene_from
 from softbot.campaign.outcome import OUTCOME_SCHEMA, Seen, longest_still_s, mean_rate, outcome
+from softbot.campaign.statistics import lines, statistics
 from softbot.nodes.direct import TRACE
 
 STEP_S = 0.01
@@ -84,8 +86,8 @@ def found(*verdicts: tuple[float, int, str]) -> list[Detection]:
         (((10.2, 2, "rupture"),), {"fault_0_delay_s": 0.2, "fault_0_named_right": True, "false_alarms": 0}),
         (((10.2, 2, "leak"), (10.6, 2, "rupture")), {"fault_0_delay_s": 0.2, "fault_0_named_right": True}),
         (((10.2, 2, "leak"),), {"fault_0_detected": True, "fault_0_named_right": False, "false_alarms": 0}),
-        (((10.2, 1, "rupture"),), {"fault_0_detected": True, "fault_0_named_right": False, "false_alarms": 1}),
-        (((9.0, 2, "rupture"),), {"fault_0_detected": False, "false_alarms": 1}),
+        (((10.2, 1, "rupture"),), {"fault_0_named_right": False, "false_alarms": 1, "false_alarms_beside": 1}),
+        (((9.0, 2, "rupture"),), {"fault_0_detected": False, "false_alarms": 1, "false_alarms_beside": 0}),
     ],
 )
 def test_verdicts_are_matched_to_the_fault(verdicts: Any, expected: dict[str, Any]) -> None:
@@ -115,3 +117,31 @@ def test_exchanged_lines_concern_two_chambers() -> None:
         found = [Detection(10.2, chamber, "sensor_offset", 1.0)]
         row = outcome(Seen(scene_of(swapped), trace_of(lambda t: 0.5), found, [], 150e3))
         assert row["false_alarms"] == false_alarms
+
+
+def test_time_counts_as_rolling_while_nothing_is_wrong_and_the_robot_is_under_way() -> None:
+    trace = trace_of(lambda t: 0.5)
+    trace[:200, TRACE.index("state")] = STATES.index(SequencerState.PRIMING)
+    assert outcome(Seen(scene_of(RUPTURE), trace, [], [], 150e3))["rolling_s"] == pytest.approx(8.0, abs=0.02)
+    trace[1500:, TRACE.index("state")] = STATES.index(SequencerState.SAFE)  # after a false alarm, say
+    assert outcome(Seen(scene_of(), trace, [], [], 150e3))["rolling_s"] == pytest.approx(13.0, abs=0.02)
+
+
+def test_false_alarms_are_counted_over_healthy_runs_and_the_time_before_faults() -> None:
+    healthy, early = scene_of(), found((9.0, 2, "leak"))
+    seen = [
+        Seen(healthy, trace_of(lambda t: 0.5), early, [], 150e3),
+        Seen(scene_of(RUPTURE), trace_of(lambda t: 0.5), early + found((10.2, 2, "rupture")), [], 150e3),
+        Seen(scene_of(RUPTURE), trace_of(lambda t: 0.5), found((10.2, 2, "rupture"), (11.0, 1, "leak")), [], 150e3),
+    ]
+    rows = [{"run": n, "case": "c", **outcome(one)} for n, one in enumerate(seen)]
+    columns = {field.name: pa.array([row.get(field.name) for row in rows], field.type) for field in OUTCOME_SCHEMA}
+    counted = statistics(pa.table(columns))
+    assert counted["hours_without_fault"] == pytest.approx(40.0 / 3600.0, rel=2e-3)
+    assert counted["hours_of_healthy_runs"] == pytest.approx(20.0 / 3600.0, rel=2e-3)
+    assert (counted["false_alarms"], counted["false_alarms_beside_a_fault"]) == (2, 1)
+    assert counted["false_alarms_per_hour"] == pytest.approx(180.0, rel=2e-3)
+    told = lines(counted)
+    assert told[1][0] == "false alarms"
+    assert told[1][1].startswith("2 in 0.01 h of rolling with nothing wrong")
+    assert told[2] == ("false beside a fault", "1 on chambers that had none")

@@ -1,4 +1,4 @@
-"""Curvature reversal: when it begins, what it commands, when it is over."""
+"""Recovery as it is planned: what can be reached, on which side the most moment lies, and how the C is reversed."""
 
 from __future__ import annotations
 
@@ -7,62 +7,176 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from controllers.commutation import shortfall_rad, without
-from controllers.estimation import estimator_memory
-from controllers.recovery import LONGEST_S, REVERSAL, begin_reversal, reversal_due, reversal_over
+from controllers.commutation import side_angle_rad, without
+from controllers.recovery import RECOVERY, RecoveryTuning, best_on_side, plan_roll, reach
+from softbot.rolling import reachable_half_plane
 
-CHAMBER_0_DEAD = without((0,))
-
-
-def estimate(roll_rad=0.0, rate_rad_s=0.0, direction_rad=0.0, size_1_m=5.0) -> Any:
-    own = estimator_memory()[0]
-    own["roll_rad"], own["roll_rate_rad_s"] = roll_rad, rate_rad_s
-    own["curvature_1_m"] = size_1_m * np.array([math.cos(direction_rad), math.sin(direction_rad)])
-    return own
+TUNING = RecoveryTuning()
+LAG_S, AGILITY_1_S2 = 0.15, 500.0
+angles = st.floats(-20.0, 20.0)
+sides = st.sampled_from([1, -1])
+strengths = st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4).map(np.array)
 
 
-@pytest.fixture
-def reversal() -> Any:
-    return np.zeros(1, REVERSAL).view(np.recarray)[0]
+def fresh() -> Any:
+    return np.zeros(2, RECOVERY).view(np.recarray)
+
+
+class Rolling:
+    """A plan for a robot whose roll is given, and whose curvature follows at once: `cycle` plans once."""
+
+    def __init__(self, strength: Any, side: int = 1, forward: int = 1, lead_rad: float = 0.5) -> None:
+        self.strength, self.side, self.forward, self.lead_rad = strength, side, forward, lead_rad
+        self.plans, self.t_s = fresh(), 0.0
+        self.plans[0]["direction_rad"] = math.nan
+
+    def cycle(self, roll_rad: float, rate_rad_s: float = 0.0, bent_rad: float | None = None, size: float = 1.0) -> Any:
+        direction = self.plans[0]["direction_rad"] if bent_rad is None else bent_rad
+        bent = size * np.array([math.cos(direction), math.sin(direction)])
+        self.side = plan_roll(
+            TUNING,
+            self.plans[0],
+            self.plans[1],
+            self.side,
+            self.forward,
+            self.lead_rad,
+            roll_rad,
+            rate_rad_s,
+            bent,
+            self.strength,
+            self.t_s,
+            LAG_S,
+            AGILITY_1_S2,
+        )
+        self.t_s += 0.01
+        return self.plans[0]
+
+
+@settings(deadline=None, max_examples=100)
+@given(direction=angles, strength=strengths)
+def test_what_is_reached_is_within_what_each_chamber_can_do(direction, strength):
+    most = reach(direction, strength)
+    assert 0.0 <= most <= 1.0
+    x, y = most * math.cos(direction), most * math.sin(direction)
+    assert -strength[0] - 1e-9 <= x <= strength[2] + 1e-9
+    assert -strength[1] - 1e-9 <= y <= strength[3] + 1e-9
+    if most < 1.0 - 1e-9:  # and no more would be
+        x, y = 1.001 * x + 1e-6 * math.cos(direction), 1.001 * y + 1e-6 * math.sin(direction)
+        assert not (-strength[0] <= x <= strength[2] and -strength[1] <= y <= strength[3])
+
+
+@settings(deadline=None, max_examples=100)
+@given(direction=angles, dead=st.sets(st.integers(0, 3), max_size=3))
+def test_directions_that_are_reached_are_those_of_the_theory(direction, dead):
+    reachable = reachable_half_plane(dead)
+    reached = reach(direction, without(tuple(dead)))
+    if reached > 1e-6:
+        assert reachable.contains(direction, 1e-5)
+    elif reachable.kind != "line":
+        assert not reachable.contains(direction, -1e-5)
+
+
+@settings(deadline=None, max_examples=100)
+@given(roll=angles, side=sides, forward=sides, lead=st.floats(0.05, 1.5), strength=strengths)
+def test_the_best_of_a_side_is_no_less_than_any_lead_tried(roll, side, forward, lead, strength):
+    plan = fresh()[0]
+    most = best_on_side(plan, side, forward, lead, roll, strength)
+    assert most >= 0.0
+    for share in (0.125, 0.5, 1.0):
+        tried = share * min(lead, math.pi / 4)
+        reached = reach(side_angle_rad(side) + forward * tried - roll, strength)
+        assert most >= 0.5 * reached**2 * math.sin(2.0 * tried) - 2e-3
 
 
 @pytest.mark.parametrize("forward", [1, -1])
-def test_it_is_due_where_the_dead_chamber_is_needed_and_not_before(forward):
-    fast = -forward * 3.0
-    # chamber 0 dead: directions within π/2 of its own are left; on side +1 the body direction is −roll
-    assert not reversal_due(estimate(roll_rad=0.0, rate_rad_s=fast), 1, forward, CHAMBER_0_DEAD)
-    near = -forward * (math.pi / 2 - 0.05)
-    assert reversal_due(estimate(roll_rad=near, rate_rad_s=fast), 1, forward, CHAMBER_0_DEAD)
-    assert not reversal_due(estimate(roll_rad=near, rate_rad_s=fast), 1, -forward, CHAMBER_0_DEAD)
-    assert not reversal_due(estimate(roll_rad=near, rate_rad_s=fast), 1, forward, without(()))
+@pytest.mark.parametrize("chamber", [0, 1, 2, 3])
+@pytest.mark.parametrize("lead", [0.2, 0.5, 0.7])
+def test_the_curvature_is_reversed_where_the_lead_begins_to_fall_short(chamber, forward, lead):
+    rolling = Rolling(without((chamber,)), forward=forward, lead_rad=lead)
+    begin_rad = -chamber * math.pi / 2
+    for rolled in np.arange(0.0, math.pi / 2, 0.01):
+        plan = rolling.cycle(begin_rad - forward * rolled)
+        if plan["reversing"]:
+            break
+    assert rolling.side == -1
+    assert math.pi / 2 - lead < rolled < math.pi / 2 - 0.75 * lead
+    edge = chamber * math.pi / 2 - forward * math.pi / 2  # straight through: the opposite of the edge that it came to
+    assert math.remainder(plan["direction_rad"] - edge, 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
+    assert plan["share"] == pytest.approx(1.0)
 
 
-def test_a_robot_that_stands_still_shortly_before_the_stop_need_not_wait():
-    short = -(math.pi / 2 - 0.4)
-    assert reversal_due(estimate(roll_rad=short, rate_rad_s=0.0), 1, 1, CHAMBER_0_DEAD)
-    assert not reversal_due(estimate(roll_rad=short, rate_rad_s=-2.0), 1, 1, CHAMBER_0_DEAD)
-    assert not reversal_due(estimate(roll_rad=0.0, rate_rad_s=0.0), 1, 1, CHAMBER_0_DEAD)
+def test_a_robot_that_rolls_fast_reverses_early_for_the_pressures_follow_late():
+    def begins(rate_rad_s: float) -> float:
+        rolling = Rolling(without((0,)))
+        for rolled in np.arange(0.0, math.pi / 2, 0.01):
+            if rolling.cycle(-rolled, -rate_rad_s)["reversing"]:
+                return float(rolled)
+        raise AssertionError
+
+    assert begins(5.0) == pytest.approx(begins(0.0) - TUNING.ahead * LAG_S * 5.0, abs=0.02)
 
 
-@pytest.mark.parametrize("bent_to_rad", [math.pi / 2, math.pi / 2 - 0.2, -math.pi / 2 + 0.1])
-def test_it_goes_through_straight_to_the_opposite_that_can_be_had(bent_to_rad, reversal):
-    begin_reversal(reversal, 1.0, estimate(direction_rad=bent_to_rad), 1, CHAMBER_0_DEAD)
-    assert reversal["side"] == -1
-    assert shortfall_rad(reversal["direction_rad"], CHAMBER_0_DEAD) == pytest.approx(0.0, abs=1e-9)
-    off = math.remainder(reversal["direction_rad"] - bent_to_rad - math.pi, 2 * math.pi)
-    assert abs(off) <= 0.25  # the exact opposite, or the edge of the half plane beside it
+def test_a_reversal_waits_for_what_would_roll_the_robot_back():
+    roll = -math.pi / 2 + 0.2
+    lingering = math.pi / 2 - 0.6  # a third chamber still pushes towards where the dead one would be needed
+    for rate_rad_s, doubt, begins in ((0.0, 0.0, False), (-8.0, 0.0, True), (-8.0, 1.0, False)):
+        rolling = Rolling(without((0,)))
+        rolling.plans[0]["doubt"] = doubt
+        assert bool(rolling.cycle(roll, rate_rad_s, bent_rad=lingering)["reversing"]) is begins
 
 
-def test_it_is_over_when_the_c_has_flipped(reversal):
-    begin_reversal(reversal, 0.0, estimate(direction_rad=math.pi / 2), 1, CHAMBER_0_DEAD)
-    assert not reversal_over(reversal, 0.1, estimate(direction_rad=math.pi / 2, size_1_m=2.0), 5.0)
-    assert not reversal_over(reversal, 0.2, estimate(direction_rad=-math.pi / 2, size_1_m=1.0), 5.0)
-    assert reversal_over(reversal, 0.3, estimate(direction_rad=-math.pi / 2, size_1_m=4.0), 5.0)
-    assert not reversal["under_way"]
+def test_momentum_is_doubted_after_a_reversal_that_rolled_back():
+    roll, doubts = -math.pi / 2 + 0.2, []
+    rolling = Rolling(without((0,)))
+    for rolled_rad in (0.5, -0.5):
+        rolling.side = 1
+        rolling.plans[0]["reversing"] = False
+        assert rolling.cycle(roll, bent_rad=math.pi / 2)["reversing"]
+        rolling.cycle(roll + rolled_rad, bent_rad=-math.pi / 2)
+        doubts.append(float(rolling.plans[0]["doubt"]))
+    assert doubts[0] > doubts[1] > 0.0
 
 
-def test_it_does_not_wait_for_ever(reversal):
-    begin_reversal(reversal, 0.0, estimate(direction_rad=math.pi / 2), 1, CHAMBER_0_DEAD)
-    assert not reversal_over(reversal, 0.9 * LONGEST_S, estimate(direction_rad=math.pi / 2), 5.0)
-    assert reversal_over(reversal, 1.1 * LONGEST_S, estimate(direction_rad=math.pi / 2), 5.0)
+def test_a_reversal_is_held_until_the_c_has_flipped_but_not_for_ever():
+    for flips in (True, False):
+        rolling = Rolling(without((0,)))
+        roll = -math.pi / 2 + 0.2
+        assert rolling.cycle(roll, bent_rad=math.pi / 2)["reversing"]
+        held = 0
+        while rolling.plans[0]["reversing"]:
+            held += 1
+            size = 1.0 - 0.1 * held if flips else 1.0
+            rolling.cycle(roll, bent_rad=math.pi / 2, size=size)
+            assert rolling.side == -1 or held > 1000
+        assert held <= 11 if flips else held * 0.01 == pytest.approx(TUNING.longest * LAG_S, abs=0.03)
+
+
+@pytest.mark.parametrize("strength", [0.98, 0.92])
+def test_a_chamber_that_is_a_little_weak_costs_no_reversal(strength):
+    weak = np.array([strength, 1.0, 1.0, 1.0])
+    rolling = Rolling(weak, lead_rad=0.8)
+    for rolled in np.arange(0.0, 2 * math.pi, 0.02):
+        plan = rolling.cycle(-rolled, -2.0)
+        assert not plan["reversing"]
+        assert plan["moment"] >= 0.5 * strength**2 * math.sin(2.0 * 0.4)
+
+
+@settings(deadline=None, max_examples=50)
+@given(roll=angles, side=sides, forward=sides, weaker=strengths, chamber=st.integers(0, 3))
+def test_a_stronger_chamber_never_offers_less(roll, side, forward, weaker, chamber):
+    stronger = weaker.copy()
+    stronger[chamber] = 1.0
+    plan = fresh()[0]
+    less = best_on_side(plan, side, forward, 0.8, roll, weaker)
+    assert best_on_side(plan, side, forward, 0.8, roll, stronger) >= less - 5e-3
+
+
+def test_where_neither_side_gives_anything_the_robot_is_straightened():
+    pair = without((0, 2))  # chambers 1 and 3 bend along a line
+    for side in (1, -1):
+        plan = Rolling(pair, side).cycle(math.pi / 2 - 0.3, bent_rad=math.pi / 2)
+        assert plan["share"] == 0.0
+        assert Rolling(pair, side).cycle(math.pi / 2 + 0.3, bent_rad=math.pi / 2)["share"] == 1.0

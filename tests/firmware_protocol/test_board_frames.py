@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from firmware_protocol.codec import dbc_hash, decode
-from firmware_protocol.enumerations import BoardMode, BusState, Health, SafeReason
+from firmware_protocol.enumerations import NO_CHAMBER, BoardMode, BusState, Health, SafeReason
 from firmware_protocol.frame import Frame
+from firmware_protocol.safety import BoardFaultRecord
 
 NewBench = Callable[..., Any]
 REST = (0.0, 0.0, 0.0, 0.0)
@@ -231,3 +232,29 @@ def test_after_a_clock_that_went_back_events_are_sent_at_once(new_bench: NewBenc
     bench.t_s = 1.0
     bench.disarmed().stop()
     assert bench.faults()
+
+
+def test_uptime_counts_whole_seconds_from_the_first_cycle(new_bench: NewBench) -> None:
+    bench = new_bench()
+    bench.t_s = 10.0
+    bench.tick()
+    uptime_s = []
+    for t_s in (10.0, 12.0, 13.999999):
+        frames = dict(decode(*frame) for frame in bench.rules.outgoing(t_s))
+        uptime_s.append(frames["BoardHeartbeat"]["UptimeS"])
+    assert uptime_s == [0, 2, 3]
+
+
+def test_a_bus_that_says_nothing_of_errors_has_none(python_bench: Any) -> None:
+    rules = python_bench.rules
+    assert (rules.transmit_errors, rules.receive_errors) == (0, 0)
+    rules.report_bus(BusState.ERROR_PASSIVE, 128, 7)
+    assert (rules.transmit_errors, rules.receive_errors) == (128, 7)
+    rules.report_bus(BusState.ERROR_ACTIVE)
+    assert (rules.transmit_errors, rules.receive_errors) == (0, 0)
+
+
+def test_a_failure_of_another_part_is_reported_without_detail_unless_one_is_given(python_bench: Any) -> None:
+    bench = python_bench.disarmed()
+    bench.rules.report_failure(SafeReason.INTERNAL_ERROR)
+    assert bench.rules.faults_to_send[-1] == BoardFaultRecord(SafeReason.INTERNAL_ERROR, NO_CHAMBER, 0)

@@ -10,6 +10,8 @@ import pytest
 from firmware_protocol.board import VENTED, BoardDecision, Transition
 from firmware_protocol.codec import dbc_hash
 from firmware_protocol.enumerations import BoardMode, ControlMode, SafeReason
+from firmware_protocol.frame import Frame
+from firmware_protocol.spec import message_spec
 
 NewBench = Callable[..., Any]
 
@@ -138,3 +140,28 @@ def test_an_armed_board_asked_to_arm_again_latches(new_bench: NewBench) -> None:
     bench = new_bench().running()
     bench.control(ControlMode.ARM_REQUEST)
     bench.assert_latched(SafeReason.UNEXPECTED_MODE)
+
+
+@pytest.mark.parametrize(("mode", "wanted"), [("disarmed", ControlMode.DISARM), ("arming", ControlMode.ARM_REQUEST)])
+def test_refused_frames_are_forgiven_only_when_a_handshake_begins(
+    python_bench: Any, mode: str, wanted: ControlMode
+) -> None:
+    bench = getattr(python_bench, mode)()
+    bench.put(Frame(message_spec("SequencerSetpoints").frame_id, bytes(8)))
+    assert bench.rules.reception.blemished
+    bench.control(wanted)
+    assert bench.rules.reception.blemished
+    if mode == "disarmed":
+        bench.control(ControlMode.ARM_REQUEST)
+        assert bench.mode is BoardMode.ARMING
+        assert not bench.rules.reception.blemished
+
+
+def test_a_clock_that_went_back_forgets_when_frames_came(python_bench: Any) -> None:
+    bench = python_bench
+    bench.t_s = 5.0
+    bench.disarmed().heartbeat()
+    assert bench.rules.reception.age_us("SequencerHeartbeat", 5_100_000) == 100_000
+    bench.t_s = 1.0
+    bench.tick()
+    assert bench.rules.reception.age_us("SequencerHeartbeat", 1_000_000) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ def scene_of(*assignments: str, duration_s: float = 2.0) -> Scene:
         ('fault=[{t_s=1.0, chamber=0, kind="stuck_open"}]', "solver.duration_s=2.5"),  # the board latches
         ("sequencer.distance_m=0.1", "solver.duration_s=3.0"),
         ('fault=[{t_s=0.9, kind="friction_lost", severity=0.9, ramp_s=0.3}, {t_s=1.2, kind="payload"}]',),
+        ('fault=[{t_s=0.9, kind="obstacle", severity=0.1}]', "solver.duration_s=3.0"),
         ('fault=[{t_s=0.9, chamber=2, kind="sensor_dropout", period_s=0.3}, {t_s=1.2, kind="imu_stuck"}]',),
     ],
 )
@@ -68,6 +70,17 @@ def test_a_run_cut_into_parts_is_the_same_run(gains: PressureLoopGains) -> None:
     expected = whole.advance(150).trace
     found = np.concatenate([parts.advance(n).trace for n in (7, 50, 1, 92)])
     np.testing.assert_array_equal(found, expected)
+
+
+def test_compiled_code_keeps_no_hold_of_arrays(gains: PressureLoopGains) -> None:
+    """The rod's kernel counts no owners, what calls it does: nothing may be left over."""
+    run = DirectRun(scene_of(), gains=gains)
+    run.advance(1)
+    before = [sys.getrefcount(array) for array in (run.twin._memory, run.memory)]
+    for _ in range(10):
+        run.advance(1)
+        run.twin.row()
+    assert [sys.getrefcount(array) for array in (run.twin._memory, run.memory)] == before
 
 
 def test_the_controller_may_believe_in_another_robot(gains: PressureLoopGains) -> None:

@@ -33,7 +33,7 @@ def run(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_finds_in_a_trace_what_was_found_on_the_bus(run: Path, scene: Scene) -> None:
-    found = replay_trace(run / "bus.log", scene)
+    found = replay_trace(run / "bus.log", scene.robot)
     assert [(one.chamber, one.kind) for one in found.detections] == [(1, "rupture")]
     assert [(one["chamber"], one["kind"]) for one in found.recorded] == [(1, "rupture")]
     assert found.detections[0].t_s == pytest.approx(float(str(found.recorded[0]["t_s"])), abs=0.02)
@@ -47,8 +47,8 @@ def test_other_formats_and_other_clocks_give_the_same(run: Path, scene: Scene, t
     with TraceWriter(tmp_path / name) as writer:
         for t_s, records in itertools.groupby(read_trace(run / "bus.log"), key=lambda record: record.t_s):
             writer.write([record.frame for record in records], 1000.0 + t_s)
-    here = replay_trace(tmp_path / name, scene)
-    there = replay_trace(run / "bus.log", scene)
+    here = replay_trace(tmp_path / name, scene.robot)
+    there = replay_trace(run / "bus.log", scene.robot)
     assert [(one.chamber, one.kind) for one in here.detections] == [(one.chamber, one.kind) for one in there.detections]
     assert here.samplings == there.samplings
 
@@ -60,11 +60,11 @@ def test_damaged_frames_are_refused_and_counted(run: Path, scene: Scene, tmp_pat
             if number % 50 == 0:
                 frame = Frame(frame.frame_id, bytes([frame.data[0] ^ 0x10]) + frame.data[1:])
             writer.write([frame], record.t_s)
-    assert replay_trace(tmp_path / "damaged.log", scene).refused > 20
+    assert replay_trace(tmp_path / "damaged.log", scene.robot).refused > 20
 
 
 def test_a_trace_without_a_board_is_refused(scene: Scene, tmp_path: Path) -> None:
     with TraceWriter(tmp_path / "other.log") as writer:
         writer.write([Frame(0x123, b"abc")], 0.0)
     with pytest.raises(TraceError, match=r"other\.log: holds no valid frame of a valve board"):
-        replay_trace(tmp_path / "other.log", scene)
+        replay_trace(tmp_path / "other.log", scene.robot)

@@ -54,10 +54,8 @@ def test_instants_of_a_long_step_are_those_of_ten_short_ones(ground: str, most: 
     for _ in range(10):
         fine = coarse.copy()
         fine._physics = fine._physics._replace(step_s=0.01)
-        start = coarse.instant()
-        coarse.play(drive, 1, 1)
         rows = fine.play(drive, 10, 1)
-        shown = np.array([row for row, _ in coarse.between(start, coarse.instant(), 10)])
+        shown = coarse.fill(*coarse.play_seen(drive, 1), 10)[0][:9]
         for column, scale in (
             (motion_rows.POSITION, 0.01),
             (motion_rows.ROTATION, 1.0),
@@ -74,16 +72,15 @@ def test_pose_and_rates_run_on_into_both_ends_of_a_step() -> None:
     twin, drive = rod(0.05)
     twin.play(drive, 9, 1)
     for _ in range(8):
-        start = twin.instant()
-        twin.play(drive, 1, 1)
-        end = twin.instant()
+        start = twin.row()
         count = 1000
-        shown = [(row, then.shape()[0]) for row, then in twin.between(start, end, count)]
-        for (row, _), one in ((shown[0], start), (shown[-1], end)):
+        shown, seen = twin.fill(*twin.play_seen(drive, 1), count)
+        for row, one in ((shown[0], start), (shown[-2], twin.row())):
             for column in (motion_rows.POSITION, motion_rows.ROTATION, motion_rows.CURVATURE, motion_rows.VELOCITY):
-                near = 5.0 / count * (np.ptp([r[column] for r, _ in shown], axis=0).max() + 1e-9)
-                assert np.abs(row[column] - one.row[column]).max() < near
-        moved = np.abs(np.diff([line for _, line in shown], axis=0)).max(axis=(1, 2))
+                near = 5.0 / count * (np.ptp(shown[:, column], axis=0).max() + 1e-9)
+                assert np.abs(row[column] - one[column]).max() < near
+        lines = [twin.seen_at(instant).shape()[0] for instant in seen]
+        moved = np.abs(np.diff(lines, axis=0)).max(axis=(1, 2))
         assert moved.max() < 5.0 * (moved.mean() + 1e-9)
 
 
@@ -91,11 +88,19 @@ def test_a_look_between_steps_leaves_the_run_as_it_is() -> None:
     watched, drive = rod(0.05)
     alone, _ = rod(0.05)
     for _ in range(30):
-        start = watched.instant()
-        watched.play(drive, 1, 1)
-        list(watched.between(start, watched.instant(), 5))
+        _, seen = watched.fill(*watched.play_seen(drive, 1), 5)
+        watched.seen_at(seen[2]).shape()
         alone.play(drive, 1, 1)
     np.testing.assert_array_equal(watched.row(), alone.row())
+
+
+def test_many_steps_are_filled_in_as_one_after_another() -> None:
+    together, drive = rod(0.05)
+    single, _ = rod(0.05)
+    whole, seen = together.fill(*together.play_seen(drive, 30), 5)
+    parts = [single.fill(*single.play_seen(drive, 1), 5) for _ in range(30)]
+    np.testing.assert_allclose(whole, np.concatenate([rows for rows, _ in parts]), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(seen, np.concatenate([each for _, each in parts]), rtol=1e-12, atol=1e-15)
 
 
 def test_momentum_of_a_floating_robot_is_kept_between_steps_too() -> None:

@@ -66,13 +66,17 @@ def test_ten_hours_of_rolling_and_of_floating_keep_their_invariants(ground: str)
 
 
 @pytest.mark.stress
-def test_all_but_a_few_of_three_hundred_scenes_of_the_segment_twin_keep_their_invariants() -> None:
-    """At 5 ms its joints and PyBullet's contacts now and then work against each other and make energy: 3 of 300."""
+def test_three_hundred_scenes_of_the_segment_twin_keep_their_invariants() -> None:
     verdicts = {seed: judge(random_segment_trial(seed)) for seed in range(300)}
     failed = {seed: verdict.words for seed, verdict in verdicts.items() if verdict.failed}
-    assert len(failed) <= 3, failed
-    assert {verdicts[seed].outcome for seed in failed} <= {"energy"}
+    assert not failed
     assert sum(verdict.outcome == "kept" for verdict in verdicts.values()) >= 250
+
+
+@pytest.mark.parametrize("seed", [58, 139, 141])
+def test_a_scene_in_which_long_steps_of_the_segment_twin_made_energy_is_kept(seed: int) -> None:
+    """Its steps are divided now."""
+    assert judge(random_segment_trial(seed)).outcome == "kept"
 
 
 @pytest.mark.stress

@@ -29,7 +29,7 @@ def share_near(image: Any, colour: tuple[float, float, float]) -> float:
 
 
 def test_the_picture_shows_stripes_and_a_dead_chamber_black(runs: Any, tmp_path: Path) -> None:
-    from softbot.report.still import CHAMBERS
+    from softbot.report.tube_picture import CHAMBERS
 
     healthy = runs.write_run(tmp_path / "healthy")
     damaged = runs.write_run(tmp_path / "damaged", faults=[runs.RUPTURE], recoveries=[runs.REVERSAL])

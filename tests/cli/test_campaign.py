@@ -1,0 +1,25 @@
+"""`softbot campaign --compare` and `--replay` refuse by name what they cannot do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SMOKE = Path(__file__).parents[2] / "campaigns" / "smoke.toml"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--compare", "0"), "--compare 0: the campaign has 60 runs"),
+        (("--compare", "61"), "--compare 61: the campaign has 60 runs"),
+        (("--compare", "1", "--twin", "segments"), "--twin segments: there are rod and bullet"),
+        (("--replay", "60"), "--replay 60: the campaign has runs 0 to 59"),
+    ],
+)
+def test_runs_and_twins_that_are_not_there_are_refused(softbot: Any, arguments: tuple[str, ...], says: str) -> None:
+    result = softbot("campaign", SMOKE, *arguments)
+    assert result.exit_code == 2, result.stdout
+    assert says in result.stderr

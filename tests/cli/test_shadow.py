@@ -1,0 +1,107 @@
+"""`softbot shadow`: over a recording and on a live bus, to which it says nothing."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from firmware_protocol.board import BoardLimits, BoardRules
+from firmware_protocol.bus import drain, open_bus, send
+from firmware_protocol.trace import TraceWriter
+
+CHANNEL = "cli-shadow"
+WAVE_Pa = 3e3
+
+
+def board_frames(rules: BoardRules, t_s: float) -> list[Any]:
+    """A board whose chambers are vented, with sensors that are alive."""
+    noise_Pa = [WAVE_Pa * ((1.7 * i + 61.0 * t_s) % 1.0 - 0.5) / 10.0 for i in range(4)]
+    rules.tick(t_s, noise_Pa)
+    return rules.outgoing(t_s) + rules.measurements(
+        t_s,
+        pressures_Pa=noise_Pa,
+        openings=[-1.0] * 4,
+        supply_pressure_Pa=250e3,
+        main_supply_open=True,
+        angular_velocity_rad_s=[1e-3 * noise_Pa[0], 0.0, 0.0],
+        specific_force_m_s2=[0.0, 9.81, 1e-3 * noise_Pa[1]],
+    )
+
+
+@pytest.fixture
+def fed() -> Iterator[can.BusABC]:
+    """A bus with a board on it, and its own ear for what anybody else says."""
+    bus = open_bus("virtual", CHANNEL, preserve_timestamps=False)
+    over = threading.Event()
+
+    def feed() -> None:
+        rules, start_s = BoardRules(BoardLimits(120e3, 150e3)), time.monotonic()
+        while not over.wait(0.01):
+            send(bus, board_frames(rules, time.monotonic() - start_s), 0.0)
+
+    thread = threading.Thread(target=feed)
+    thread.start()
+    yield bus
+    over.set()
+    thread.join()
+    bus.shutdown()
+
+
+@pytest.fixture
+def trace(tmp_path: Path) -> Path:
+    rules = BoardRules(BoardLimits(120e3, 150e3))
+    with TraceWriter(tmp_path / "bus.log") as writer:
+        for n in range(250):
+            writer.write(board_frames(rules, 0.01 * n), 0.01 * n)
+    return tmp_path / "bus.log"
+
+
+def test_it_watches_a_live_bus_and_sends_nothing(softbot: Any, fed: can.BusABC, tmp_path: Path) -> None:
+    result = softbot(
+        "shadow", "--interface", "virtual", "--channel", CHANNEL, "--duration-s", "0.8", "--every-s", "0.2",
+        "--findings", tmp_path / "found.jsonl", "--json",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told["samplings"] > 20
+    assert told["refused"] == 0
+    assert len(told["final"]["chambers"]) == 4
+    lines = [json.loads(line) for line in (tmp_path / "found.jsonl").read_text().splitlines()]
+    assert [one["event"] for one in lines][-1] == "end"
+    assert "estimate" in {one["event"] for one in lines}
+    assert list(drain(fed)) == []  # nobody else has spoken
+
+
+def test_a_recording_is_told_in_words_and_health_is_kept(softbot: Any, trace: Path, tmp_path: Path) -> None:
+    result = softbot("shadow", trace, "--robot", "default", "--health", tmp_path / "health.json")
+    assert result.exit_code == 0, result.stderr
+    assert "healthy" in result.stdout
+    assert "250 samplings" in result.stdout
+    assert not (tmp_path / "health.json").exists()  # vented throughout: there was nothing to learn
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("nowhere.log",), "cannot read the trace nowhere.log"),
+        (("nowhere.log", "--channel", "vcan0"), "a recording has no --interface"),
+        (("--every-s", "0"), "--every-s 0: give a positive number"),
+        (("--interface", "virtual", "--channel", "x", "--duration-s", "nan"), "--duration-s nan"),
+        (("--interface", "nothing"), "CAN interface 'nothing'"),
+        (("--interface", "virtual", "--channel", "silent", "--duration-s", "0.1"), "no valid frame of a valve board"),
+        (("--robot", "nowhere.toml"), "nowhere.toml"),
+        (("--interface", "virtual", "--findings", "no/such/f.jsonl"), "--findings no/such/f.jsonl: cannot be written"),
+    ],
+)
+def test_what_cannot_be_watched_is_refused(softbot: Any, arguments: tuple[str, ...], says: str) -> None:
+    result = softbot("shadow", *arguments)
+    assert result.exit_code == 2, result.stdout
+    assert says in result.stderr
+    assert "Traceback" not in result.stderr
