@@ -10,7 +10,7 @@ Five things stand side by side, each of them compiled, over records:
   verdict is given when the best explanation beats a healthy chamber by `evidence` and every other kind by `lead`, or
   when patience ends. Without such an explanation the suspicion is dropped, and the filter learns on.
 - Faults that no gas can make are told by the readings alone: one that repeats to the last bit, one below vacuum, one
-  that jumps to and fro, one that rises while the exhaust is open.
+  that jumps to and fro.
 - A named chamber is followed (`controllers.fault_following`): what it does later may tell the kinds apart, also while
   the robot rests in its safe state.
 - What the chambers share (supply, inertial unit) has tests of its own, and names no chamber.
@@ -79,7 +79,7 @@ _HELD_CYCLES = 4  # after a lost sampling, while the valves' lag is made up
 _SECOND_DIFFERENCE = 6.0  # variance of x(k) − 2 x(k−1) + x(k−2) over that of white x
 _BELOW_VACUUM_Pa = -6e3  # gauge: what no sound sensor of a robot in air reads
 _SENSOR_STUCK, _SENSOR_NOISE = KIND_CODES[FaultKind.SENSOR_STUCK], KIND_CODES[FaultKind.SENSOR_NOISE]
-_SENSOR_DROPOUT, _SENSOR_DRIFT = KIND_CODES[FaultKind.SENSOR_DROPOUT], KIND_CODES[FaultKind.SENSOR_DRIFT]
+_SENSOR_DROPOUT = KIND_CODES[FaultKind.SENSOR_DROPOUT]
 _LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
 _BLOCKED_EXHAUST, _KINKED_LINE = KIND_CODES[FaultKind.BLOCKED_EXHAUST], KIND_CODES[FaultKind.KINKED_LINE]
 _LEAK, _STUCK_CLOSED = KIND_CODES[FaultKind.LEAK], KIND_CODES[FaultKind.STUCK_CLOSED]
@@ -92,7 +92,6 @@ _COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of d
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_LEAK = 8.0  # … for a leak, which any error of the volume looks like a little
 _COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
-_VENTED, _DRIFTED_Pa, _VENTED_SHARE = 60, 1.8e3, 0.05  # cycles of an open exhaust, in which no reading may rise so far
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
 
 
@@ -330,11 +329,6 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
         return _SENSOR_NOISE
     if own.below[c] >= parts.below and own.noise[c] < 0.6 * parts.noise_at:
         return _SENSOR_DROPOUT
-    own.vented[c] = own.vented[c] + 1 if own.lagged[c] < -0.95 else 0
-    own.vented_Pa[c] += (shown_Pa - own.vented_Pa[c]) * (_VENTED_SHARE if own.vented[c] > 0 else 1.0)
-    own.least_vented_Pa[c] = min(own.least_vented_Pa[c], own.vented_Pa[c]) if own.vented[c] > 1 else own.vented_Pa[c]
-    if own.vented[c] > _VENTED and own.vented_Pa[c] - max(own.least_vented_Pa[c], 0.0) > _DRIFTED_Pa:
-        return _SENSOR_DRIFT
     return 0
 
 

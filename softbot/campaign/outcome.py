@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from controllers.interface import STATES, Detection, Recovery, SequencerState
 from sim.scene import Scene
-from softbot.faults import CHAMBER_COUNT, NO_CHAMBER, Fault
+from softbot.faults import CHAMBER_COUNT, NO_CHAMBER, Fault, FaultKind
 from softbot.nodes.direct import TRACE
 
 FloatArray = NDArray[np.float64]
@@ -189,10 +189,14 @@ def _found(fault: Fault, faults: list[Fault], detections: list[Detection]) -> di
 def _false_alarms(faults: list[Fault], detections: list[Detection]) -> int:
     """Verdicts that no fault had given reason for: before any, or on a chamber that none concerns."""
     return sum(
-        not any(
-            (fault.t_s <= one.t_s and NO_CHAMBER in (fault.chamber_number, one.chamber))
-            or (fault.t_s <= one.t_s and fault.chamber_number == one.chamber)
-            for fault in faults
-        )
+        not any(fault.t_s <= one.t_s and {one.chamber, NO_CHAMBER} & _concerned(fault) for fault in faults)
+        and not (one.chamber == NO_CHAMBER and any(fault.t_s <= one.t_s for fault in faults))
         for one in detections
     )
+
+
+def _concerned(fault: Fault) -> set[int]:
+    """Chambers that a fault concerns: exchanged lines are two chambers'."""
+    if fault.kind is FaultKind.LINES_SWAPPED:
+        return {fault.chamber_number, (fault.chamber_number + 1) % CHAMBER_COUNT}
+    return {fault.chamber_number}

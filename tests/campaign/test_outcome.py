@@ -111,6 +111,14 @@ def test_a_fault_that_is_not_one_chambers_is_found_by_a_verdict_without_one() ->
     assert (row["fault_0_named_right"], row["false_alarms"]) == (True, 0)
 
 
+def test_exchanged_lines_concern_two_chambers() -> None:
+    swapped = {"t_s": 10.0, "chamber": 3, "kind": "lines_swapped"}
+    for chamber, false_alarms in ((3, 0), (0, 0), (1, 1), (2, 1)):
+        found = [Detection(10.2, chamber, "sensor_offset", 1.0)]
+        row = outcome(Seen(scene_of(swapped), trace_of(lambda t: 0.5), found, [], 150e3))
+        assert row["false_alarms"] == false_alarms
+
+
 def test_time_counts_as_rolling_while_nothing_is_wrong_and_the_robot_is_under_way() -> None:
     trace = trace_of(lambda t: 0.5)
     trace[:200, TRACE.index("state")] = STATES.index(SequencerState.PRIMING)
