@@ -102,7 +102,7 @@ def test_a_window_without_a_screen_is_refused(scene_table: dict[str, Any], monke
 
 def test_a_drive_too_fast_for_the_step_is_refused(scene_table: dict[str, Any]) -> None:
     scene_table["drive"]["period_s"] = 0.02
-    with pytest.raises(InputError, match=r"drive\.period_s = 0\.02: .* fewer than 10 steps"):
+    with pytest.raises(InputError, match=r"drive\.period_s = 0\.02: .* fewer than 20 steps"):
         make_twin(scene_from(scene_table, "s.toml", Path()))
     scene_table["solver"]["step_s"] = 0.001
     make_twin(scene_from(scene_table, "s.toml", Path())).close()
