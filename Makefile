@@ -14,7 +14,6 @@ demo: $(READY) ## run the paper's experiment into runs/demo
 	$(BIN)/softbot demo --out runs/demo
 
 test: $(READY) ## the default tests, with their coverage (at least 90 % of the lines)
-	$(BIN)/python tests/compile_beforehand.py
 	$(BIN)/python -m pytest -n 2 --cov --cov-report=term:skip-covered --cov-fail-under=90
 
 coverage-protocol: $(READY) ## every line and branch of firmware_protocol is tested
@@ -34,20 +33,20 @@ slow: $(READY) ## end-to-end and accuracy tests of minutes
 
 # What they run is compiled beforehand: in a kernel of their own the one processor would be at it for minutes.
 test-vcan: $(READY) ## hardware in the loop on a real vcan, in a kernel of its own where this one has none
-	$(BIN)/python tests/compile_beforehand.py
+	$(BIN)/python tests/hil/compile_beforehand.py
 	.ci/vcan.sh $(BIN)/python -m pytest tests/hil/test_rolling.py -m vcan -p no:cacheprovider --durations=5
 
 # Limits in milliseconds hold on a machine that has nothing else to do.
 test-vcan-timing: $(READY) ## on vcan, on a quiet machine: a minute against lock-step, and the losses of either side
-	$(BIN)/python tests/compile_beforehand.py
+	$(BIN)/python tests/hil/compile_beforehand.py
 	.ci/vcan.sh -t 3600 $(BIN)/python -m pytest tests/hil -m vcan -p no:cacheprovider --durations=5
 
 soak: $(READY) ## both ends on vcan for an hour of wall-clock time (SOFTBOT_SOAK_S): memory, files, commands
-	$(BIN)/python tests/compile_beforehand.py
+	$(BIN)/python tests/hil/compile_beforehand.py
 	.ci/vcan.sh -t 14400 $(BIN)/python -m pytest tests/hil -m soak -k wall_clock -p no:cacheprovider -s
 
 soak-simulated: $(READY) ## the same for an hour of simulated time, as fast as it goes
-	$(BIN)/python tests/compile_beforehand.py
+	$(BIN)/python tests/hil/compile_beforehand.py
 	.ci/vcan.sh -t 14400 $(BIN)/python -m pytest tests/hil -m soak -k simulated -p no:cacheprovider -s
 
 stress: $(READY) ## long campaigns
