@@ -10,6 +10,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from softbot.faults import (
@@ -40,6 +41,24 @@ class Change(IntEnum):
     OFFSET = 8
     DRIFT = 9
     SWAP = 10
+
+
+_HOLE, _INLET, _OUTLET, _BOTH = int(Change.HOLE), int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
+
+
+@njit
+def changed_ways(change: int, value: float, inlet: float, outlet: float, hole: float) -> tuple[float, float, float]:
+    """Conductances of inlet, outlet and hole, as ratios of the nominal ones, once a change of this value has struck."""
+    if change == _HOLE:
+        hole += value
+    elif change == _INLET:
+        inlet *= value
+    elif change == _OUTLET:
+        outlet *= value
+    elif change == _BOTH:
+        inlet *= value
+        outlet *= value
+    return inlet, outlet, hole
 
 
 class Candidates(NamedTuple):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, MODEL_ERROR, OFFSET, OUTLET, STATES, between
-from controllers.fault_candidates import COUNT, Candidates, Change
+from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
 from controllers.fault_naming import EVIDENCE, KEPT
 from softbot.faults import SENSOR_SCALE_LOSS, SENSOR_OFFSET_Pa
 
@@ -128,16 +128,8 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
         value = candidates.base[m] + candidates.slope[m] * severity
         inlet, outlet, hole = own.sound[INLET], own.sound[OUTLET], max(own.sound[HOLE], 0.0)
         opening, wide = window.opening[k, chamber], volume
-        if change == _HOLE:
-            hole += value
-        elif change == _INLET:
-            inlet *= value
-        elif change == _OUTLET:
-            outlet *= value
-        elif change == _BOTH:
-            inlet *= value
-            outlet *= value
-        elif change == _FORCED:
+        inlet, outlet, hole = changed_ways(change, value, inlet, outlet, hole)
+        if change == _FORCED:
             opening = value
         elif change == _LAG:
             own.lagged[m], mean = lagged_opening(gas.lag_s * value, step_s, own.lagged[m], window.commanded[k, chamber])

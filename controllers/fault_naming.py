@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET, PRESSURE, STATES, between
-from controllers.fault_candidates import COUNT, Candidates, Change
+from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
 from softbot.faults import (
     BALLOON_LOSS,
     CHAMBER_COUNT,
@@ -48,7 +48,7 @@ TIMING_KEPT = 0.9
 """Share of what a valve's moving may have made of the pressure that is still there a cycle later, squared."""
 WORST = 12.0
 """Cost of one reading at most: however wild, it is no proof."""
-_HOLE, _INLET, _OUTLET, _BOTH = int(Change.HOLE), int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
+_INLET, _OUTLET, _BOTH = int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
 _FORCED, _LAG, _WIDENING = int(Change.FORCED), int(Change.LAG), int(Change.WIDENING)
 _SCALE, _OFFSET, _DRIFT, _SWAP = int(Change.SCALE), int(Change.OFFSET), int(Change.DRIFT), int(Change.SWAP)
 
@@ -157,15 +157,7 @@ def _simulate(
     believed = window.x[at, chamber]
     pressure, inlet, outlet, hole = believed[PRESSURE], believed[INLET], believed[OUTLET], max(believed[HOLE], 0.0)
     lagged = window.lagged[at, chamber]
-    if change == _HOLE:
-        hole += value
-    elif change == _INLET:
-        inlet *= value
-    elif change == _OUTLET:
-        outlet *= value
-    elif change == _BOTH:
-        inlet *= value
-        outlet *= value
+    inlet, outlet, hole = changed_ways(change, value, inlet, outlet, hole)
     way, swelled, start, timing_Pa2 = 0.0, 0.0, 1.0, 0.0
     volume_before, growth_m3_Pa = window.volume_m3[at, chamber], 0.0
     if change in (_SCALE, _WIDENING):

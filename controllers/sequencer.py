@@ -15,8 +15,7 @@ compiled code, over plain records; `Sequencer` wraps it for those who hold a rob
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -37,13 +36,13 @@ from controllers import (
     proof,
     recovery,
     robot_model,
+    sequencer_parts,
     supply_observer,
 )
 from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
-from controllers.detector_parts import DetectorMemory, DetectorParts, detector_memory, parts_of_detector
-from controllers.estimation import estimator_memory, follow_bend, follow_roll
-from controllers.fault_answers import BLIND, FORBIDS_FROM, answers, strength_left
+from controllers.estimation import follow_bend, follow_roll
+from controllers.fault_answers import BLIND, FORBIDS_FROM, strength_left
 from controllers.fault_detection import detect, detections_of, forget_chamber
 from controllers.interface import (
     STATES,
@@ -54,15 +53,21 @@ from controllers.interface import (
     SequencerOutput,
     SequencerState,
 )
-from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof, proof_memory
-from controllers.recovery import RECOVERY, RecoveryTuning, arch, most_moment, needs_momentum, plan_roll, reach, use_of
-from controllers.robot_model import RobotModel, pressures_for
+from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof
+from controllers.recovery import arch, most_moment, needs_momentum, plan_roll, reach, use_of
+from controllers.robot_model import pressures_for
+from controllers.sequencer_parts import (
+    MOST_ANSWERS,
+    SequencerConfig,
+    SequencerMemory,
+    SequencerParts,
+    sequencer_memory,
+)
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
 from softbot.faults import KIND_CODES, FaultKind
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
-from softbot.robot import Robot
 from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
@@ -93,115 +98,7 @@ _CURVATURE_REVERSAL, _SAFE_STOP, _MOMENTUM, _ROCK_FREE = (
 )
 _STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
 _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
-_MOST_ANSWERS = 8
 _PROBE_Pa = 6e3
-
-
-class SequencerParts(NamedTuple):
-    """What a sequencer is made of, as compiled code takes it."""
-
-    model: RobotModel
-    detector: DetectorParts
-    recovers: bool
-    lead_rad: float
-    tuning: RecoveryTuning
-    answers: FloatArray
-    """`controllers.fault_answers.answers()`."""
-
-
-SEQUENCER = np.dtype(
-    [
-        ("turn", np.int64),
-        ("speed_rad_s", np.float64),
-        ("distance_m", np.float64),
-        ("armed", np.bool_),
-        ("state", np.int64),
-        ("side", np.int64),
-        ("roll_at_order_rad", np.float64),
-        ("entered_s", np.float64),
-        ("still_since_s", np.float64),
-        ("mean_rate_rad_s", np.float64),
-        ("last_t_s", np.float64),
-        ("lead_integral_rad", np.float64),
-        ("rocking", np.bool_),
-        ("rocked_s", np.float64),
-        ("rocked_rad", np.float64),
-        ("farthest_rad", np.float64),
-        ("farthest_s", np.float64),
-        ("strength", np.float64, CHAMBERS),
-        ("used", np.float64, CHAMBERS),
-        ("sighted", np.float64, CHAMBERS),
-        ("setpoint_Pa", np.float64, CHAMBERS),
-        ("wants_armed", np.bool_),
-        ("answered", np.int64),
-        ("answer", np.int64, _MOST_ANSWERS),
-    ],
-    align=True,
-)
-"""What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
-distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
-`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `rocking`: rolled back for a
-run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of
-STRATEGIES taken in this cycle."""
-
-
-class SequencerMemory(NamedTuple):
-    """All that a sequencer remembers: records of shape (1,), and its detector's."""
-
-    own: Any
-    estimator: Any
-    detector: DetectorMemory
-    recovery: Any
-    """Two plans: what is done, and the other side's."""
-    proof: Any
-
-
-def sequencer_memory() -> SequencerMemory:
-    """Memory of a sequencer that has seen nothing and was ordered nothing."""
-    own = np.zeros(1, SEQUENCER).view(np.recarray)
-    first = own[0]
-    for name in ("speed_rad_s", "distance_m", "roll_at_order_rad", "still_since_s", "last_t_s", "farthest_s"):
-        first[name] = math.nan
-    first["side"] = 1
-    first["strength"] = first["used"] = first["sighted"] = 1.0
-    return SequencerMemory(
-        own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray), proof_memory()
-    )
-
-
-@dataclass(frozen=True)
-class SequencerConfig:
-    """The robot as the sequencer knows it, and its tuning."""
-
-    robot: Robot
-    recovery: bool = True
-    lead_rad: float = 0.8
-    bend_rad: float | None = None
-    co_contraction_Pa: float = 0.0
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        *,
-        recovery: bool = True,
-        lead_rad: float = 0.8,
-        bend_rad: float | None = None,
-        co_contraction_Pa: float = 0.0,
-    ) -> SequencerConfig:
-        """Configuration for a robot file."""
-        return cls(robot, recovery, lead_rad, bend_rad, co_contraction_Pa)
-
-    def parts(self) -> SequencerParts:
-        """As compiled code takes it."""
-        return SequencerParts(
-            robot_model.robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
-            parts_of_detector(self.robot.pneumatics, self.robot.sensors),
-            bool(self.recovery),
-            float(self.lead_rad),
-            RecoveryTuning(),
-            answers(),
-        )
 
 
 LAG_S = 0.12
@@ -316,7 +213,7 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
 
 @njit(cache=True)
 def _say(own: Any, answer: int) -> None:
-    if own.answered < _MOST_ANSWERS:
+    if own.answered < MOST_ANSWERS:
         own.answer[own.answered] = answer
         own.answered += 1
 
@@ -554,6 +451,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        sequencer_parts,
         supply_observer,
         __file__,
     )

@@ -224,14 +224,18 @@ class Instants(NamedTuple):
     flag: FloatArray
 
 
+def _instant_sizes(layout: Layout) -> tuple[int, ...]:
+    return 3, 9, layout.strains, 6 + layout.strains, 6, FLAGS
+
+
 def instant_size(layout: Layout) -> int:
     """Numbers that an instant takes."""
-    return _lines(3, 9, layout.strains, 6 + layout.strains, 6, FLAGS)[-1]
+    return _lines(*_instant_sizes(layout))[-1]
 
 
 def instants(memory: FloatArray, layout: Layout) -> Instants:
     """Views of instants, shape (…, instant_size); of a rod's whole memory, its own."""
-    sizes = (3, 9, layout.strains, 6 + layout.strains, 6, FLAGS)
+    sizes = _instant_sizes(layout)
     lines = [memory[..., at : at + size] for at, size in zip(_lines(*sizes), sizes, strict=False)]
     lines[1] = lines[1].reshape(*lines[1].shape[:-1], 3, 3)
     return Instants(*lines)

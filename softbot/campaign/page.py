@@ -26,7 +26,8 @@ table { border-collapse: collapse; margin: .6rem 0; } td, th { padding: .2rem .7
 th { text-align: left; font-weight: 600; } td { text-align: right; font-variant-numeric: tabular-nums; }
 td:first-child { text-align: left; } code { background: #f1f3f7; padding: .1rem .3rem; border-radius: 3px; }
 .right { background: #d8efdc; } .wrong { background: #f8dcd6; } figure { margin: 1rem 0; } img { max-width: 100%; }
-p.quiet { color: #626c7c; }
+p.quiet { color: #626c7c; } .wide { overflow-x: auto; }
+.wide th + th { writing-mode: vertical-rl; transform: rotate(180deg); } .wide td + td { padding: .2rem .3rem; }
 """
 
 
@@ -141,9 +142,9 @@ def _confusion(confusion: dict[str, dict[str, int]]) -> str:
         for name in names:
             count = row.get(name, 0)
             look = "" if not count else " class='right'" if name == kind else " class='wrong'"
-            body += f"<td{look}>{f'{100.0 * count / total:.1f} %' if count else ''}</td>"
+            body += f"<td{look}>{f'{100.0 * count / total:.0f} %' if count else ''}</td>"
         body += "</tr>"
-    return f"<table>{head}{body}</table>"
+    return f"<div class='wide'><table>{head}{body}</table></div>"
 
 
 def _delays(table: pa.Table) -> str:

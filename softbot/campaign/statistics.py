@@ -116,7 +116,7 @@ def _group(columns: dict[str, list[Any]], rows: list[int]) -> dict[str, Any]:
 
 def _rolling(columns: dict[str, list[Any]], rows: list[int]) -> dict[str, Any]:
     before = [columns["rate_before_rev_s"][i] for i in rows]
-    after = [columns["rate_after_rev_s"][i] for i in rows]
+    after = [_own_rate(columns, i) for i in rows]
     kept = [b / a for a, b in zip(before, after, strict=True) if a and b is not None and a > 0.02]
     ordered = [columns["ordered_rev_s"][i] for i in rows]
     held = [abs(b - o) <= 0.1 * o for o, b in zip(ordered, after, strict=True) if o and b is not None]
@@ -131,6 +131,12 @@ def _rolling(columns: dict[str, list[Any]], rows: list[int]) -> dict[str, Any]:
         "heading_drift_median_rad": _quantile(np.array(drift), 0.5),
         "ended_safe": _share([columns["final_state"][i] == "safe" for i in rows]),
     }
+
+
+def _own_rate(columns: dict[str, list[Any]], i: int) -> float | None:
+    """Rate after a run's faults [rev/s]: a robot that was stopped and coasts on does not roll on."""
+    rate: float | None = columns["rate_after_rev_s"][i]
+    return rate if rate is None or columns["final_state"][i] != "safe" else 0.0
 
 
 def confusion(columns: dict[str, list[Any]], rows: list[int]) -> dict[str, dict[str, int]]:

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from controllers import pressure_loop as pressure_loop_module
 from controllers.interface import STATES, STRATEGIES, Command, Detection, Order, Recovery
 from controllers.pressure_loop import PressureLoopGains, pack_pressure_loop, pressure_loop_step
-from controllers.sequencer import SequencerConfig, SequencerMemory, SequencerParts, give_order, sequencer_memory
 from controllers.sequencer import cycle as sequencer_cycle
+from controllers.sequencer import give_order
+from controllers.sequencer_parts import SequencerConfig, SequencerMemory, SequencerParts, sequencer_memory
 from sim import plant_kernel, rod_memory, sensors
 from sim.motion_rows import ROW_SIZE, TIME
 from sim.plant import Plant

@@ -49,7 +49,8 @@ class ChamberSequencer(Protocol):
 
 def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer:
     """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table."""
-    from controllers.sequencer import Sequencer, SequencerConfig
+    from controllers.sequencer import Sequencer
+    from controllers.sequencer_parts import SequencerConfig
 
     own = scene.sequencer
     config = SequencerConfig.of(

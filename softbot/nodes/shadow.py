@@ -22,7 +22,8 @@ import numpy as np
 
 from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET
 from controllers.interface import Command, Detection, Order, SequencerState
-from controllers.sequencer import Sequencer, SequencerConfig
+from controllers.sequencer import Sequencer
+from controllers.sequencer_parts import SequencerConfig
 from firmware_protocol.codec import decode
 from firmware_protocol.enumerations import BoardMode
 from firmware_protocol.errors import ProtocolError

@@ -69,7 +69,8 @@ def test_a_sequencer_that_raises_is_a_failed_run() -> None:
 
 
 def test_over_a_bus_and_without_one_the_same_is_found() -> None:
-    from controllers.sequencer import Sequencer, SequencerConfig
+    from controllers.sequencer import Sequencer
+    from controllers.sequencer_parts import SequencerConfig
 
     fault: dict[str, Any] = {"chamber": 3, "at_s": 1.5, "settings": ("solver.duration_s=5", "sequencer.start_s=0.1")}
     direct = inject("stuck_open", **fault)

@@ -145,3 +145,15 @@ def test_false_alarms_are_counted_over_healthy_runs_and_the_time_before_faults()
     assert told[1][0] == "false alarms"
     assert told[1][1].startswith("2 in 0.01 h of rolling with nothing wrong")
     assert told[2] == ("false beside a fault", "1 on chambers that had none")
+
+
+def test_a_robot_that_was_stopped_and_coasts_on_does_not_roll_on() -> None:
+    stopped = trace_of(lambda t: 0.5)
+    stopped[1100:, TRACE.index("state")] = STATES.index(SequencerState.SAFE)
+    rows = [
+        {"run": n, "case": "c", **outcome(Seen(scene_of(RUPTURE), trace, found((10.3, 2, "rupture")), [], 150e3))}
+        for n, trace in enumerate((stopped, trace_of(lambda t: 0.5)))
+    ]
+    columns = {field.name: pa.array([row.get(field.name) for row in rows], field.type) for field in OUTCOME_SCHEMA}
+    single = statistics(pa.table(columns))["single"]
+    assert (single["rolls_on"], single["ended_safe"]) == (0.5, 0.5)

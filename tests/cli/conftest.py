@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 from typer.testing import CliRunner
 
 from controllers.pressure_loop import PressureLoopGains
+from firmware_protocol.board import BoardLimits, BoardRules
+from firmware_protocol.bus import open_bus, send
+from firmware_protocol.frame import Frame
 
 SCENE = """
 robot = "default"
@@ -53,3 +60,33 @@ def softbot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., An
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
     return run
+
+
+BoardFrames = Callable[[BoardRules, float], list[Frame]]
+
+
+@contextmanager
+def _fed_bus(channel: str, frames: BoardFrames) -> Iterator[can.BusABC]:
+    """A virtual bus with a board on it that says `frames(rules, t_s)` each 10 ms, and an ear for what others say."""
+    bus = open_bus("virtual", channel, preserve_timestamps=False)
+    over = threading.Event()
+
+    def feed() -> None:
+        rules, start_s = BoardRules(BoardLimits(120e3, 150e3)), time.monotonic()
+        while not over.wait(0.01):
+            send(bus, frames(rules, time.monotonic() - start_s), 0.0)
+
+    thread = threading.Thread(target=feed)
+    thread.start()
+    try:
+        yield bus
+    finally:
+        over.set()
+        thread.join()
+        bus.shutdown()
+
+
+@pytest.fixture
+def fed_bus() -> Callable[[str, BoardFrames], AbstractContextManager[can.BusABC]]:
+    """A virtual bus that a board feeds, for commands that listen: `fed_bus(channel, frames)`."""
+    return _fed_bus

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import threading
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from firmware_protocol.board import BoardLimits, BoardRules
-from firmware_protocol.bus import drain, open_bus, send
+from firmware_protocol.bus import drain
 from firmware_protocol.bus_watch import BusWatch
 from firmware_protocol.frame import Frame
 from softbot.cli.monitor import picture
@@ -36,22 +34,9 @@ def board_frames(rules: BoardRules, t_s: float) -> list[Frame]:
 
 
 @pytest.fixture
-def fed() -> Iterator[can.BusABC]:
-    """A bus with a board on it, and its own ear for what anybody else says."""
-    bus = open_bus("virtual", CHANNEL, preserve_timestamps=False)
-    over = threading.Event()
-
-    def feed() -> None:
-        rules, start_s = BoardRules(BoardLimits(120e3, 150e3)), time.monotonic()
-        while not over.wait(0.01):
-            send(bus, board_frames(rules, time.monotonic() - start_s), 0.0)
-
-    thread = threading.Thread(target=feed)
-    thread.start()
-    yield bus
-    over.set()
-    thread.join()
-    bus.shutdown()
+def fed(fed_bus: Any) -> Iterator[can.BusABC]:
+    with fed_bus(CHANNEL, board_frames) as bus:
+        yield bus
 
 
 def test_it_reports_the_bus_and_sends_nothing(softbot: Any, fed: can.BusABC) -> None:

@@ -12,7 +12,8 @@ import pytest
 
 from controllers.interface import Command, Detection, Order, Recovery, SequencerState
 from controllers.pressure_loop import PressureLoop, PressureLoopGains
-from controllers.sequencer import Sequencer, SequencerConfig
+from controllers.sequencer import Sequencer
+from controllers.sequencer_parts import SequencerConfig
 from sim.body import Motion
 from sim.plant import Plant
 from softbot.faults import Fault

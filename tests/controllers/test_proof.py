@@ -10,7 +10,8 @@ import pytest
 
 from controllers.interface import Command, Order, SequencerState
 from controllers.proof import FAILED, FILLS, NOT_ANY, PROVED, UNDER_WAY, begin_proof, follow_proof, proof_memory
-from controllers.sequencer import Sequencer, SequencerConfig
+from controllers.sequencer import Sequencer
+from controllers.sequencer_parts import SequencerConfig
 from softbot.faults import KIND_CODES, Fault, FaultKind
 from softbot.sensing import Readings
 

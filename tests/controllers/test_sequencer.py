@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.interface import Command, Order, SequencerState
-from controllers.sequencer import Sequencer, SequencerConfig, regulated_lead_rad, sequencer_memory
+from controllers.sequencer import Sequencer, regulated_lead_rad
+from controllers.sequencer_parts import SequencerConfig, sequencer_memory
 from softbot.faults import Fault
 from softbot.sensing import Readings
 
