@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sim.scene import load_scene
+from softbot.nodes import direct
 from softbot.nodes.rehearsal import rehearse_plant, rehearse_sequencer
 from softbot.nodes.warm_up import warm_up
 
@@ -13,3 +14,4 @@ if __name__ == "__main__":
     warm_up(scene)
     rehearse_plant(scene)
     rehearse_sequencer(scene)
+    direct.warm_up(scene)
