@@ -153,10 +153,15 @@ def _least_lead(plan: Any, side: int, forward: int, first_rad: float, roll_rad: 
 
 
 @njit
+def within_reach(first: float, second: float, strength: FloatArray) -> tuple[float, float]:
+    """The curvature (body frame) nearest to this one that can be had."""
+    return min(max(first, -strength[0]), strength[2]), min(max(second, -strength[1]), strength[3])
+
+
+@njit
 def _through_straight_rad(bent: FloatArray, strength: FloatArray) -> float:
     """Body direction opposite to the curvature as it is, or the nearest that can be had."""
-    first = min(max(-bent[0], -strength[0]), strength[2])
-    second = min(max(-bent[1], -strength[1]), strength[3])
+    first, second = within_reach(-bent[0], -bent[1], strength)
     return math.atan2(second, first)
 
 
@@ -184,15 +189,15 @@ def use_of(tuning: RecoveryTuning, strength: FloatArray, turned_rad: float, used
 
 
 @njit
-def needs_momentum(strength: FloatArray) -> bool:
-    """Whether statics leave gaps in the roll: with more than one dead chamber.
+def needs_momentum(tuning: RecoveryTuning, strength: FloatArray) -> bool:
+    """Whether statics leave gaps in the roll: with more than one chamber that is dead, or as good as dead.
 
     Two adjacent ones leave a quarter plane of curvatures without its opposite, two opposite ones a line without a
     sweep, three a ray: somewhere in a revolution no curvature that can be had has a forward moment.
     """
     dead = 0
     for i in range(CHAMBERS):
-        dead += 1 if strength[i] <= 0.0 else 0
+        dead += 1 if strength[i] < tuning.least_strength else 0
     return dead > 1
 
 
@@ -236,6 +241,7 @@ def plan_roll(
     rate_rad_s: float,
     bent: FloatArray,
     strength: FloatArray,
+    held: FloatArray,
     t_s: float,
     lag_s: float,
     agility_1_s2: float,
@@ -244,7 +250,8 @@ def plan_roll(
 
     forward: +1 to the left, −1 to the right. lead_rad: the largest; what the roll needs of it while the pressures
     follow is no lead any more then. bent (2,): curvature as it is, body frame, over what rolling asks for. strength
-    (4,). lag_s, agility_1_s2: as in `controllers.robot_model`.
+    (4,): what is held is reckoned in (`controllers.held_bend`); held (4,): that. lag_s, agility_1_s2: as in
+    `controllers.robot_model`.
     """
     if plan.reversing:
         along = bent[0] * math.cos(plan.line_rad) + bent[1] * math.sin(plan.line_rad)
@@ -252,7 +259,7 @@ def plan_roll(
         if not plan.reversing:
             rolled_back = forward * (roll_rad - plan.began_rad) > _ROLLED_BACK_RAD
             plan.doubt = min(2.0 * plan.doubt + 0.1, 1.0) if rolled_back else plan.doubt * _FORGOTTEN
-    momentum = needs_momentum(strength)
+    momentum = needs_momentum(tuning, strength)
     if momentum and forward * rate_rad_s * lag_s > tuning.brakes_rad:
         plan.reversing = False
         arch(plan, strength)
@@ -261,7 +268,8 @@ def plan_roll(
     if not plan.reversing:
         worth = np.empty(CHAMBERS)
         for i in range(CHAMBERS):
-            worth[i] = 1.0 if strength[i] >= tuning.worth else 0.0
+            beside = held[i] + held[(i + 2) % CHAMBERS] > 0.0  # neither comes late: what they differ by is there
+            worth[i] = 1.0 if strength[i] >= tuning.worth else strength[i] if beside else 0.0
         here = best_on_side(plan, side, forward, lead_rad, roll_rad + later_rad, worth)
         there = best_on_side(other, -side, forward, lead_rad, roll_rad + later_rad, worth)
         if there > here + tuning.gain * 0.5 * math.sin(2.0 * min(lead_rad, _BEST_LEAD_RAD)):
@@ -273,7 +281,8 @@ def plan_roll(
                 plan.reversing, plan.began_s, plan.line_rad = True, t_s, line_rad
                 plan.began_rad = roll_rad
     if plan.reversing:
-        plan.direction_rad, plan.share = plan.line_rad, reach(plan.line_rad, strength)
+        first, second = within_reach(math.cos(plan.line_rad), math.sin(plan.line_rad), strength)
+        plan.direction_rad, plan.share = math.atan2(second, first), math.hypot(first, second)
     else:
         most = max(lead_rad - tuning.least_lead_rad, 0.0)
         later_rad = min(max(later_rad, -most), most)

@@ -33,6 +33,7 @@ from controllers import (
     fault_detection,
     fault_following,
     fault_naming,
+    held_bend,
     proof,
     recovery,
     robot_model,
@@ -42,8 +43,9 @@ from controllers import (
 from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
 from controllers.estimation import follow_bend, follow_roll
-from controllers.fault_answers import BLIND, FORBIDS_FROM, strength_left
+from controllers.fault_answers import BLIND, FORBIDS_FROM, HOLDS_FROM, strength_left
 from controllers.fault_detection import detect, detections_of, forget_chamber
+from controllers.held_bend import bend_held, beside_held, free_bend, pinned
 from controllers.interface import (
     STATES,
     STRATEGIES,
@@ -65,7 +67,6 @@ from controllers.sequencer_parts import (
 )
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
-from softbot.faults import KIND_CODES, FaultKind
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.sensing import READINGS, Readings
@@ -77,7 +78,8 @@ _STALL_RATE_TIME_S = 0.3  # a robot that only rocks has stalled: the rate is ave
 _STALL_TIME_S = 0.4
 _PRIMED_SHARE = 0.8
 _PRIMING_LONGEST_S = 3.0
-_HELD_SHARE = 0.2
+_FOLLOWS_HELD = 0.1  # in a cycle: its sensor's noise must not be the others' command
+_PINNED = 0.2  # of the bend that rolling asks for: a robot so bent for good does not roll
 _PROGRESS_RAD = 0.5 * math.pi
 _RUN_UP_RAD, _GOOD_PUSH, _FARTHEST_BACK_RAD = 0.25, 0.9, 2.0
 
@@ -96,7 +98,6 @@ _DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
 _CURVATURE_REVERSAL, _SAFE_STOP, _MOMENTUM, _ROCK_FREE = (
     STRATEGIES.index(strategy) for strategy in ("curvature_reversal", "safe_stop", "momentum", "rock_free")
 )
-_STUCK_CLOSED = KIND_CODES[FaultKind.STUCK_CLOSED]
 _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
 _PROBE_Pa = 6e3
 
@@ -132,6 +133,7 @@ def _c_bend_side(estimate: Any) -> int:
 
 @njit
 def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float, share: float) -> None:
+    direction_rad, share = free_bend(own.held, direction_rad, share)
     pressures_for(parts.model, direction_rad, share * parts.model.curvature_1_m, own.setpoint_Pa)
     for i in range(CHAMBERS):  # a weak chamber needs more for the same
         if 0.0 < own.strength[i] < 1.0:
@@ -190,16 +192,15 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
             own.sighted[i] = max(own.sighted[i] - blinds, 0.0)
         else:
             own.sighted[i] = left if left > 0.0 else 1.0
+        holds = detector.severity[i] >= parts.answers[kind, HOLDS_FROM]
+        held = bend_held(parts.model, i, reading.pressure_Pa[i]) if holds else 0.0
+        own.held[i] += _FOLLOWS_HELD * (held - own.held[i])
     for n in range(0 if own.state == _SAFE else detector.found):  # in the safe state names may still be corrected
         kind, chamber = detector.found_kind[n], detector.found_chamber[n]
-        held_Pa = reading.pressure_Pa[chamber] if kind == _STUCK_CLOSED else 0.0
-        holds = held_Pa > _HELD_SHARE * parts.model.pressure_limit_Pa
         dies = died and chamber >= 0 and own.strength[chamber] <= 0.0
         answer = -1
-        if (
-            detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM]
-            or holds
-            or (dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1))
+        if detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM] or (
+            dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1)
         ):
             _enter(memory, _SAFE, t_s)
             answer = _SAFE_STOP
@@ -227,14 +228,16 @@ def _arrived(parts: SequencerParts, own: Any, estimate: Any) -> bool:
 @njit
 def _easier_side(own: Any, estimate: Any) -> int:
     """The side on which the living chambers can bend the robot best as it lies."""
-    left = reach(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.strength)
-    right = reach(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.strength)
+    left = reach(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.used)
+    right = reach(commanded_direction_rad(-1, 0.0, estimate.roll_rad), own.used)
     return 1 if left >= right else -1
 
 
 @njit
 def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
     own = memory.own[0]
+    own.used[:] = own.strength
+    beside_held(own.held, own.used)
     if t_s == own.entered_s or math.isnan(own.roll_at_order_rad):
         own.roll_at_order_rad = estimate.roll_rad
         own.side = _easier_side(own, estimate)
@@ -245,7 +248,7 @@ def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
             own.side = _c_bend_side(estimate)
         _enter(memory, _rolling_state(parts, own), t_s)
     direction = commanded_direction_rad(own.side, 0.0, estimate.roll_rad)
-    _bend_towards(parts, own, estimate, direction, reach(direction, own.strength))
+    _bend_towards(parts, own, estimate, direction, reach(direction, own.used))
 
 
 @njit
@@ -310,7 +313,8 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
     own, plan, wanted = memory.own[0], memory.recovery[0], parts.model.curvature_1_m
     forward = own.turn
     use_of(parts.tuning, own.strength, estimate.spin_rad_s * parts.model.lag_s, own.used)
-    if needs_momentum(own.used):
+    beside_held(own.held, own.used)
+    if needs_momentum(parts.tuning, own.used):
         if _makes_no_way(parts, own, estimate, t_s):
             _enter(memory, _SAFE, t_s)
             _say(own, _SAFE_STOP)
@@ -329,6 +333,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
         estimate.spin_rad_s,
         estimate.curvature_1_m / wanted,
         own.used,
+        own.held,
         t_s,
         parts.model.lag_s,
         parts.model.agility_1_s2,
@@ -378,7 +383,10 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
         own.setpoint_Pa[i] = 0.0
     if own.state == _SAFE:
         return
-    if own.turn == 0 or _arrived(parts, own, estimate):
+    if pinned(own.held, own.strength, _PINNED):
+        _enter(memory, _SAFE, t_s)
+        _say(own, _SAFE_STOP)
+    elif own.turn == 0 or _arrived(parts, own, estimate):
         if own.state != _DISARMED:
             _enter(memory, _DISARMED, t_s)
     elif own.state == _DISARMED:
@@ -442,6 +450,7 @@ cycle = _compile(
         fault_detection,
         fault_following,
         fault_naming,
+        held_bend,
         hysteresis,
         line,
         material,

@@ -57,6 +57,7 @@ SEQUENCER = np.dtype(
         ("strength", np.float64, CHAMBERS),
         ("used", np.float64, CHAMBERS),
         ("sighted", np.float64, CHAMBERS),
+        ("held", np.float64, CHAMBERS),
         ("setpoint_Pa", np.float64, CHAMBERS),
         ("wants_armed", np.bool_),
         ("answered", np.int64),
@@ -66,7 +67,8 @@ SEQUENCER = np.dtype(
 )
 """What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
 distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
-`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `rocking`: rolled back for a
+`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `held`: the bend over what rolling
+asks for that a chamber holds which cannot be vented; `rocking`: rolled back for a
 run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of
 STRATEGIES taken in this cycle."""
 

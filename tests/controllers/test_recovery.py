@@ -47,6 +47,7 @@ class Rolling:
             rate_rad_s,
             bent,
             self.strength,
+            np.zeros(4),
             self.t_s,
             LAG_S,
             AGILITY_1_S2,
