@@ -68,6 +68,13 @@ class DetectorTuning:
     """Cycles at the start in which nothing is judged."""
 
 
+_NEVER = 2**62
+SILENT = DetectorTuning(
+    alarm_at=math.inf, repeats=_NEVER, below=_NEVER, noise_at=math.inf, supply_cycles=_NEVER, supply_low=1.0
+)
+"""Of a detector that follows everything and names nothing."""
+
+
 class DetectorParts(NamedTuple):
     """What a detector is made of, as compiled code takes it."""
 

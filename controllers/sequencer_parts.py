@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.detector_parts import DetectorMemory, DetectorParts, detector_memory, parts_of_detector
+from controllers.detector_parts import SILENT, DetectorMemory, DetectorParts, detector_memory, parts_of_detector
 from controllers.estimation import estimator_memory
 from controllers.fault_answers import answers
 from controllers.proof import proof_memory
@@ -106,6 +106,7 @@ class SequencerConfig:
     lead_rad: float = 0.8
     bend_rad: float | None = None
     co_contraction_Pa: float = 0.0
+    detection: bool = True
 
     @classmethod
     def of(
@@ -116,15 +117,16 @@ class SequencerConfig:
         lead_rad: float = 0.8,
         bend_rad: float | None = None,
         co_contraction_Pa: float = 0.0,
+        detection: bool = True,
     ) -> SequencerConfig:
         """Configuration for a robot file."""
-        return cls(robot, recovery, lead_rad, bend_rad, co_contraction_Pa)
+        return cls(robot, recovery, lead_rad, bend_rad, co_contraction_Pa, detection)
 
     def parts(self) -> SequencerParts:
         """As compiled code takes it."""
         return SequencerParts(
             robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
-            parts_of_detector(self.robot.pneumatics, self.robot.sensors),
+            parts_of_detector(self.robot.pneumatics, self.robot.sensors, None if self.detection else SILENT),
             bool(self.recovery),
             float(self.lead_rad),
             RecoveryTuning(),

@@ -145,6 +145,7 @@ class SequencerTable(pydantic.BaseModel):
     )
     distance_m: float | None = Field(None, gt=0, le=1e6, description="stop after this distance, in metres")
     recovery: bool = Field(True, description="reverse the curvature when a chamber is dead, and roll on")
+    detection: bool = Field(True, description="find faults; false: none is found, and none answered")
     start_s: float = Field(0.5, ge=0, le=1e6, description="when the order is given, in seconds")
     bend_rad: float | None = Field(
         None, gt=0, le=6.0, description="bend of the C, in radians; default: what the pressure limit allows"

@@ -59,6 +59,11 @@ class Campaign(pydantic.BaseModel):
     name: str = "campaign"
     runs: int = Field(gt=0, le=100_000_000, description="number of runs")
     seed: int = Field(0, ge=0, le=2**63 - 1, description="of everything that is drawn")
+    matters: bool = Field(
+        False,
+        description="whether each run of a single fault is made again without the fault, and with it unanswered, so "
+        "that its row says whether the fault matters",
+    )
     scene: dict[str, Any] = Field(description="as in a scene file")
     vary: dict[str, Drawn] = Field(
         default_factory=dict, description="key of the scene (as for --set) → distribution; the controller knows these"

@@ -40,6 +40,10 @@ def run_row(draws: Draws, number: int) -> dict[str, Any]:
     row: dict[str, Any] = {"run": number, "case": run.case}
     try:
         row |= direct_row(run.scene, run.known)
+        if draws.campaign.matters:
+            from softbot.campaign.consequence import consequence
+
+            row |= consequence(run.scene, run.known)
     except SimulationError as error:
         row["outcome"] = f"failed: {error}"
     row["drawn"] = json.dumps(run.values, sort_keys=True)

@@ -73,6 +73,11 @@ OUTCOME_SCHEMA = pa.schema(
         ("final_state", pa.string()),
         ("safe_after_s", pa.float64()),
         ("strategies", pa.string()),
+        ("rate_without_fault_rev_s", pa.float64()),
+        ("rate_unanswered_rev_s", pa.float64()),
+        ("pressure_without_fault_share", pa.float64()),
+        ("pressure_unanswered_share", pa.float64()),
+        ("matters", pa.bool_()),
         ("drawn", pa.string()),
     ]
 )
@@ -95,8 +100,7 @@ def outcome(seen: Seen) -> dict[str, Any]:
     """The columns of OUTCOME_SCHEMA that follow from a run."""
     scene, trace = seen.scene, seen.trace
     t_s, faults = trace[:, 0], sorted(scene.fault, key=lambda fault: fault.t_s)
-    turn = {"left": -1.0, "right": 1.0}.get(scene.sequencer.command, 0.0)
-    rolled = turn * (trace[:, _ROLL] - trace[0, _ROLL]) / TURN_RAD
+    rolled = ordered_turns(scene, trace)
     first_s = faults[0].t_s if faults else math.inf
     last_s = faults[-1].t_s + faults[-1].ramp_s if faults else math.inf
     moving = np.isin(trace[:, _STATE].astype(int), _MOVING)
@@ -118,8 +122,8 @@ def outcome(seen: Seen) -> dict[str, Any]:
         "heading_drift_rad": float(trace[-1, _HEADING] - trace[0, _HEADING]),
         "moved_along_m": float(trace[-1, _X] - trace[0, _X]),
         "moved_left_m": float(trace[-1, _Y] - trace[0, _Y]),
-        "highest_pressure_Pa": float(trace[:, _PRESSURES].max()),
-        "highest_pressure_share": float(trace[:, _PRESSURES].max() / seen.pressure_limit_Pa),
+        "highest_pressure_Pa": float(pressures_Pa(trace).max()),
+        "highest_pressure_share": float(pressures_Pa(trace).max() / seen.pressure_limit_Pa),
         "final_state": str(STATES[int(trace[-1, _STATE])]),
         "safe_after_s": float(t_s[np.argmax(safe)]) - first_s if safe.any() and faults else None,
         "strategies": " ".join(dict.fromkeys(answer.strategy for answer in seen.recoveries)),
@@ -127,6 +131,17 @@ def outcome(seen: Seen) -> dict[str, Any]:
     for n, fault in enumerate(faults[:FAULTS]):
         row |= {f"fault_{n}_{name}": value for name, value in _found(fault, faults, seen.detections).items()}
     return row
+
+
+def ordered_turns(scene: Scene, trace: FloatArray) -> FloatArray:
+    """Revolutions since the start of a trace, positive in the ordered direction; none where the order is to stop."""
+    turn = {"left": -1.0, "right": 1.0}.get(scene.sequencer.command, 0.0)
+    return turn * (trace[:, _ROLL] - trace[0, _ROLL]) / TURN_RAD
+
+
+def pressures_Pa(trace: FloatArray) -> FloatArray:
+    """True chamber pressures of a trace, shape (n, 4) [Pa]."""
+    return trace[:, _PRESSURES]
 
 
 def mean_rate(t_s: FloatArray, rolled_rev: FloatArray, from_s: float, to_s: float) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from softbot.campaign.campaign import Draws
-from softbot.campaign.statistics import false_alarm_words, percent
+from softbot.campaign.statistics import false_alarm_words, matter_words, percent
 
 REPORT_FILE = "report.html"
 _MOST_BARS = 40
@@ -50,6 +50,7 @@ def page(draws: Draws, table: pa.Table, found: dict[str, Any], folder: Path) -> 
         ("single faults found", percent(found["single"]["detected"])),
         ("single faults named right", percent(found["single"]["named_right"])),
         ("sensor faults told from chamber faults", percent(found["sensor_told_from_chamber"])),
+        *([("single faults that matter", matter_words(found))] if found["that_matter"]["judged"] else []),
         ("highest pressure over the chambers' limit", percent(found["highest_pressure_share"])),
     ]
     parts = [
@@ -59,6 +60,7 @@ def page(draws: Draws, table: pa.Table, found: dict[str, Any], folder: Path) -> 
         _rows(("", ""), [(escape(name), escape(value)) for name, value in facts]),
         "<h2>By kind of fault</h2>",
         _kinds(found["by_kind"]),
+        _kinds_that_matter(found["that_matter"]),
         "<h2>Delay of detection</h2>",
         _delays(table),
         "<h2>What was called what</h2>",
@@ -107,6 +109,29 @@ def _kinds(by_kind: dict[str, dict[str, Any]]) -> str:
                 _seconds(one["longest_still_median_s"]),
             )
             for kind, one in by_kind.items()
+        ],
+    )
+
+
+def _kinds_that_matter(matter: dict[str, Any]) -> str:
+    if not matter["judged"]:
+        return ""
+    head = ("kind", "that matter", "found", "named right", "median delay", "90 %", "99 %")
+    about = (
+        "<p class='quiet'>Of these, those that matter: that cost more than a tenth of the speed, or take a chamber "
+        "over its pressure limit, when nobody answers them.</p>"
+    )
+    return about + _rows(
+        head,
+        [
+            (
+                escape(kind),
+                str(one["runs"]),
+                percent(one["detected"]),
+                percent(one["named_right"]),
+                *(_seconds(one[f"delay_{name}_s"]) for name in ("median", "90", "99")),
+            )
+            for kind, one in matter["by_kind"].items()
         ],
     )
 

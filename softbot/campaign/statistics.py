@@ -74,6 +74,8 @@ def statistics(table: pa.Table) -> dict[str, Any]:
     single = [i for i in range(table.num_rows) if done[i] and columns["faults"][i] == 1]
     double = [i for i in range(table.num_rows) if done[i] and (columns["faults"][i] or 0) > 1]
     kinds = sorted({columns["fault_0_kind"][i] for i in single})
+    judged = [i for i in single if columns["matters"][i] is not None]
+    matter = [i for i in judged if columns["matters"][i]]
     return {
         "runs": table.num_rows,
         "failed_runs": done.count(False),
@@ -88,14 +90,17 @@ def statistics(table: pa.Table) -> dict[str, Any]:
             case: _rolling(columns, [i for i in range(table.num_rows) if done[i] and columns["case"][i] == case])
             for case in sorted(set(columns["case"]))
         },
+        "that_matter": {
+            "judged": len(judged),
+            "single": _group(columns, matter),
+            "by_kind": {
+                kind: _group(columns, [i for i in matter if columns["fault_0_kind"][i] == kind]) for kind in kinds
+            },
+            "sensor_told_from_chamber": _sensor_told(columns, matter),
+            "confusion": confusion(columns, matter),
+        },
         "two_faults": _group(columns, double),
-        "sensor_told_from_chamber": _share(
-            [
-                (columns["fault_0_kind"][i] in SENSOR_KINDS) == (columns["fault_0_named_kind"][i] in SENSOR_KINDS)
-                for i in single
-                if columns["fault_0_detected"][i]
-            ]
-        ),
+        "sensor_told_from_chamber": _sensor_told(columns, single),
         "confusion": confusion(columns, single),
         "highest_pressure_share": max((value or 0.0 for value in columns["highest_pressure_share"]), default=None),
         "worst": _worst(columns, single, done),
@@ -112,6 +117,17 @@ def _group(columns: dict[str, list[Any]], rows: list[int]) -> dict[str, Any]:
         **{f"delay_{name}_s": _quantile(delays, q) for name, q in (("median", 0.5), ("90", 0.9), ("99", 0.99))},
         **_rolling(columns, rows),
     }
+
+
+def _sensor_told(columns: dict[str, list[Any]], rows: list[int]) -> float | None:
+    """Share of the faults found that were taken for a sensor's when they were one, and for none when not."""
+    return _share(
+        [
+            (columns["fault_0_kind"][i] in SENSOR_KINDS) == (columns["fault_0_named_kind"][i] in SENSOR_KINDS)
+            for i in rows
+            if columns["fault_0_detected"][i]
+        ]
+    )
 
 
 def _rolling(columns: dict[str, list[Any]], rows: list[int]) -> dict[str, Any]:
@@ -201,6 +217,9 @@ def lines(found: dict[str, Any]) -> list[tuple[str, str]]:
                 f"{single['runs']}: {percent(single['detected'])} found, {percent(single['named_right'])} named right",
             )
         )
+    matter = found["that_matter"]
+    if matter["judged"]:
+        shown.append(("  that matter", matter_words(found)))
     for kind, group in found["by_kind"].items():
         delay = "" if group["delay_median_s"] is None else f", median delay {group['delay_median_s']:.2f} s"
         shown.append(
@@ -210,10 +229,29 @@ def lines(found: dict[str, Any]) -> list[tuple[str, str]]:
                 f", rolls on {percent(group['rolls_on'])}, speed kept {percent(group['speed_kept_median'])}",
             )
         )
+        if matter["judged"]:
+            shown.append(("", _matter_of_kind(matter["by_kind"][kind])))
     for name, runs in found["worst"].items():
         if runs:
             shown.append((name, "runs " + ", ".join(str(run) for run in runs)))
     return shown
+
+
+def matter_words(found: dict[str, Any]) -> str:
+    """Rates of the single faults that matter, with how many were judged."""
+    single, matter = found["single"], found["that_matter"]
+    undecided = single["runs"] - matter["judged"]
+    return f"{_matter_of_kind(matter['single'])}; sensors told {percent(matter['sensor_told_from_chamber'])}" + (
+        f"; {undecided} undecided" if undecided else ""
+    )
+
+
+def _matter_of_kind(group: dict[str, Any]) -> str:
+    if not group["runs"]:
+        return "none matters"
+    delay = "" if group["delay_median_s"] is None else f", median delay {group['delay_median_s']:.2f} s"
+    found = f"{group['runs']} matter: {percent(group['detected'])} found"
+    return f"{found}, {percent(group['named_right'])} named right{delay}"
 
 
 def false_alarm_words(found: dict[str, Any]) -> str:

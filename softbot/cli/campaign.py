@@ -21,6 +21,13 @@ def campaign(
     assignments: Assignments = None,
     runs: Annotated[int | None, typer.Option(help="Number of runs, in place of the file's.")] = None,
     processes: Annotated[int | None, typer.Option(help="Processes. Default: one for each core.")] = None,
+    matters: Annotated[
+        bool,
+        typer.Option(
+            "--matters",
+            help="Make each run of a single fault twice more, without it and with it unanswered: does it matter?",
+        ),
+    ] = False,
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers make the runs.")
     ] = None,
@@ -54,6 +61,8 @@ def campaign(
     given = list(assignments or [])
     if runs is not None:
         given.append(f"runs={runs}")
+    if matters:
+        given.append("matters=true")
     folder = out
     if campaign.is_dir():
         if (campaign / CAMPAIGN_FILE).exists() and not given:

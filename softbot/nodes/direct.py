@@ -254,11 +254,16 @@ cycles = _compile(kernel_stamp(ideal_bus, plant_kernel, pressure_loop_module, ro
 
 
 @lru_cache(maxsize=16)
-def _known(robot: str, recovery: bool, lead_rad: float, bend_rad: float | None, both_Pa: float) -> Any:
+def _known(robot: str, recovery: bool, lead_rad: float, bend_rad: float | None, both_Pa: float, detection: bool) -> Any:
     """Controller and pressure loop of a robot file's text: the same for thousands of runs."""
     known = Robot.model_validate_json(robot)
     parts = SequencerConfig.of(
-        known, recovery=recovery, lead_rad=lead_rad, bend_rad=bend_rad, co_contraction_Pa=both_Pa
+        known,
+        recovery=recovery,
+        lead_rad=lead_rad,
+        bend_rad=bend_rad,
+        co_contraction_Pa=both_Pa,
+        detection=detection,
     ).parts()
     return parts, designed_gains(known), nominal_volumes_m3(known), bus_rules(board_limits(known))
 
@@ -298,6 +303,7 @@ class DirectRun:
             own.lead_rad,
             own.bend_rad,
             own.co_contraction_Pa,
+            own.detection,
         )
         self.memory = sequencer_memory()
         self._bus = bus_memory()

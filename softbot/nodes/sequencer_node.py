@@ -59,6 +59,7 @@ def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer
         lead_rad=own.lead_rad,
         bend_rad=own.bend_rad,
         co_contraction_Pa=own.co_contraction_Pa,
+        detection=own.detection,
     )
     return Sequencer(config)
 
