@@ -101,6 +101,15 @@ def follow_roll(own: Any, reading: Any) -> None:
 
 
 @njit(cache=True)
+def take_bias(own: Any, bias_rad_s: float, roll_rad: float) -> None:
+    """Go on with a bias of the gyro that was learnt elsewhere, and the roll (but for whole turns) that goes with it."""
+    own.roll_rate_rad_s += own.bias_rad_s - bias_rad_s
+    own.spin_rad_s += own.bias_rad_s - bias_rad_s
+    own.bias_rad_s = bias_rad_s
+    own.roll_rad += wrapped(roll_rad - own.roll_rad)
+
+
+@njit(cache=True)
 def solve_three(matrix: FloatArray, right: FloatArray, out: FloatArray) -> bool:
     """Solve a symmetric 3 × 3 system by its adjugate. False when it is singular."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]

@@ -257,7 +257,8 @@ def _follow(
 
 
 @njit
-def _tell(own: Any, chamber: int, kind: int, severity: float, confidence: float) -> None:
+def tell(own: Any, chamber: int, kind: int, severity: float, confidence: float) -> None:
+    """A verdict of this cycle, into the detector's own record; chamber NO_CHAMBER for what is shared."""
     if chamber >= 0:
         own.named[chamber], own.severity[chamber] = kind, severity
         if kind == _LINES_SWAPPED:
@@ -293,7 +294,7 @@ def _judge(parts: DetectorParts, memory: DetectorMemory, reading: Any, decides: 
             _drop(own, c)
             continue
         if kind != 0:
-            _tell(own, c, kind, 1.0, 1.0)
+            tell(own, c, kind, 1.0, 1.0)
             _drop(own, c)
             continue
         observer = memory.observer[c]
@@ -390,7 +391,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
         return
     if verdict.lead < parts.lead and waited < parts.patience:
         return
-    _tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
+    tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
 
 
 @njit
@@ -422,7 +423,7 @@ def _review(parts: DetectorParts, memory: DetectorMemory, reading: Any, c: int, 
     if verdict.kind == own.named[c]:
         own.severity[c] = verdict.severity
     elif verdict.lead >= parts.lead_again:
-        _tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
+        tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
         if verdict.chamber != c:
             _drop(own, c)
 
@@ -435,7 +436,7 @@ def _go_on_following(parts: DetectorParts, memory: DetectorMemory, c: int, decid
     m, lead = likeliest(follower, parts.candidates, own.named[c])
     if decides and lead >= parts.lead_later:
         severity = severity_of(follower, parts.candidates, m, memory.verdict[c].fitted[m])
-        _tell(own, c, parts.candidates.kind[m], severity, 1.0 / (1.0 + math.exp(-min(lead, 700.0))))
+        tell(own, c, parts.candidates.kind[m], severity, 1.0 / (1.0 + math.exp(-min(lead, 700.0))))
     give_up(follower)
 
 
@@ -467,7 +468,7 @@ def _judge_supply(parts: DetectorParts, memory: DetectorMemory, reading: Any, st
         return
     if own.named_shared[kind] == 0:
         own.named_shared[_SUPPLY_SAG] = own.named_shared[_SUPPLY_LOSS] = 0
-        _tell(own, NO_CHAMBER, kind, severity, 1.0 / (1.0 + math.exp(-min(abs(evidence), 700.0))))
+        tell(own, NO_CHAMBER, kind, severity, 1.0 / (1.0 + math.exp(-min(abs(evidence), 700.0))))
 
 
 @njit
@@ -484,7 +485,7 @@ def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
     own.imu_varied += 0 if same else 1
     known = own.named_shared[_IMU_STUCK] + own.named_shared[_IMU_DROPOUT] > 0
     if own.imu_varied > _VARIED and own.imu_repeats >= parts.repeats and (nothing or parts.sounds) and not known:
-        _tell(own, NO_CHAMBER, kind, 1.0, 1.0)
+        tell(own, NO_CHAMBER, kind, 1.0, 1.0)
 
 
 def _compile(stamp: str):  # type: ignore[no-untyped-def]

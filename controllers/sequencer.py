@@ -34,9 +34,11 @@ from controllers import (
     fault_following,
     fault_naming,
     held_bend,
+    inertial_observer,
     proof,
     recovery,
     robot_model,
+    roll_observer,
     sequencer_parts,
     supply_observer,
 )
@@ -58,6 +60,7 @@ from controllers.interface import (
 from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof
 from controllers.recovery import arch, most_moment, needs_momentum, plan_roll, reach, use_of
 from controllers.robot_model import pressures_for
+from controllers.roll_observer import watch_roll
 from controllers.sequencer_parts import (
     MOST_ANSWERS,
     SequencerConfig,
@@ -425,6 +428,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
+        watch_roll(parts.roll, memory.roll, memory.detector.own[0], estimate, reading[0])
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
@@ -452,6 +456,7 @@ cycle = _compile(
         fault_naming,
         held_bend,
         hysteresis,
+        inertial_observer,
         line,
         material,
         pneumatics,
@@ -460,6 +465,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        roll_observer,
         sequencer_parts,
         supply_observer,
         __file__,

@@ -15,6 +15,7 @@ from controllers.fault_answers import answers
 from controllers.proof import proof_memory
 from controllers.recovery import RECOVERY, RecoveryTuning
 from controllers.robot_model import RobotModel, robot_model
+from controllers.roll_observer import RollMemory, RollParts, parts_of_roll, roll_memory
 from softbot.cross_section import CHAMBERS
 from softbot.robot import Robot
 
@@ -33,6 +34,7 @@ class SequencerParts(NamedTuple):
     tuning: RecoveryTuning
     answers: FloatArray
     """`controllers.fault_answers.answers()`."""
+    roll: RollParts
 
 
 SEQUENCER = np.dtype(
@@ -82,6 +84,7 @@ class SequencerMemory(NamedTuple):
     recovery: Any
     """Two plans: what is done, and the other side's."""
     proof: Any
+    roll: RollMemory
 
 
 def sequencer_memory() -> SequencerMemory:
@@ -93,7 +96,12 @@ def sequencer_memory() -> SequencerMemory:
     first["side"] = 1
     first["strength"] = first["used"] = first["sighted"] = 1.0
     return SequencerMemory(
-        own, estimator_memory(), detector_memory(), np.zeros(2, RECOVERY).view(np.recarray), proof_memory()
+        own,
+        estimator_memory(),
+        detector_memory(),
+        np.zeros(2, RECOVERY).view(np.recarray),
+        proof_memory(),
+        roll_memory(),
     )
 
 
@@ -124,11 +132,13 @@ class SequencerConfig:
 
     def parts(self) -> SequencerParts:
         """As compiled code takes it."""
+        detector = parts_of_detector(self.robot.pneumatics, self.robot.sensors, None if self.detection else SILENT)
         return SequencerParts(
             robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
-            parts_of_detector(self.robot.pneumatics, self.robot.sensors, None if self.detection else SILENT),
+            detector,
             bool(self.recovery),
             float(self.lead_rad),
             RecoveryTuning(),
             answers(),
+            parts_of_roll(self.robot, detector.period_s),
         )

@@ -87,7 +87,9 @@ def test_the_other_kinds_are_found_on_the_right_chamber(closed_loop, kind, sever
     assert last.kind in names
 
 
-@pytest.mark.parametrize(("kind", "severity"), [("supply_sag", 0.5), ("imu_stuck", 1.0), ("imu_dropout", 1.0)])
+@pytest.mark.parametrize(
+    ("kind", "severity"), [("supply_sag", 0.5), ("imu_stuck", 1.0), ("imu_dropout", 1.0), ("imu_bias", 0.5)]
+)
 def test_what_the_chambers_share_names_no_chamber(closed_loop, kind, severity):
     run = closed_loop(8.0, faults=(Fault(5.3, None, kind, severity),), seed=7)
     assert [(found.chamber, found.kind) for found in run.detections] == [(NO_CHAMBER, kind)]
