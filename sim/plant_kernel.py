@@ -16,12 +16,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from sim import rod_energy, rod_memory, rod_rest
+from sim import rod_energy, rod_groups, rod_memory, rod_rest
 from sim.motion_rows import ROW_SIZE
 from sim.rod import RodTwin
 from sim.rod_drive import hold
 from sim.rod_kernel import play
-from sim.rod_memory import Layout, Physics, carve
+from sim.rod_memory import Physics, carve
 from sim.rod_rest import set_rest
 from softbot import actuator_equilibrium, material, plant_conditions, pneumatics
 from softbot.actuator import ActuatorLaw
@@ -37,6 +37,7 @@ from softbot.pneumatics import PRESSURES_SIZE, STATE_SIZE, step_in_place
 from softbot.robot import Robot
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 PLANT = np.dtype(
     [
@@ -117,7 +118,7 @@ class RodParts(NamedTuple):
     """A rod as its kernel takes it."""
 
     memory: FloatArray
-    layout: Layout
+    places: IntArray
     shares: FloatArray
     """Of the bending energy in each mode, shape (modes,)."""
     stretches: bool
@@ -128,7 +129,7 @@ def rod_parts(rod: RodTwin) -> RodParts:
     """The parts of a rod that `rod_period` moves."""
     return RodParts(
         rod._memory,
-        rod._layout,
+        rod._places,
         np.ascontiguousarray(rod._shares, dtype=np.float64),
         bool(rod._physics.stretches),
         rod.step_s,
@@ -150,6 +151,7 @@ _STAMP = kernel_stamp(
     residual,
     plant_conditions,
     pneumatics,
+    rod_groups,
     rod_memory,
     rod_energy,
     rod_rest,
@@ -237,7 +239,7 @@ def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
     ) -> int:
         """`steps` steps of the plant, the first of them step number `first` (from 0), with the valves as they are."""
         own = memory[0]
-        state = carve(rod.memory, rod.layout)[0]
+        state = carve(rod.memory, rod.places)[1]
         for step in range(first, first + steps):
             t_s = (step + 1) * rod.step_s
             done = gas_and_wall(
@@ -249,7 +251,7 @@ def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
                 state.strain, state.rest_strain, state.stiffness, state.flag, rod.shares, rod.stretches, parts.length_m,
                 parts.twisting_stiffness_N_m2, own.rest, own.stiffness,
             )  # fmt: skip
-            if play(rod.memory, rod.layout, physics, hold_drive, 1, 1, no_rows, no_rows) < 1:
+            if play(rod.memory, rod.places, physics, hold_drive, 1, 1, no_rows, no_rows) < 1:
                 return ROD_LOST
             own.strain[0] = state.strain[-1] if rod.stretches else 1.0
             own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
@@ -263,7 +265,7 @@ rod_period = _compile_rod_period(_STAMP)
 
 def handed_play(rod: RodTwin) -> Handed:
     """The rod's kernel, to be handed to `rod_period`."""
-    return handed(play, rod._memory, rod._layout, rod._physics, HOLD, 1, 1, NO_ROWS, NO_ROWS)
+    return handed(play, rod._memory, rod._places, rod._physics, HOLD, 1, 1, NO_ROWS, NO_ROWS)
 
 
 def failure(done: int, t_s: float, pressure_Pa: FloatArray) -> str:

@@ -47,6 +47,7 @@ from sim.rod_memory import (
     carve,
     instant_size,
     instants,
+    places,
     rod_memory,
 )
 from sim.rod_rest import set_rest
@@ -132,8 +133,8 @@ class RodTwin:
         )
         self._layout = layout
         self._physics = _physics(body, world, ground, layout, step_s, tolerance, symmetric, stretches)
-        self._memory = rod_memory(layout)
-        self._state, self._rule, self._contacts, self._work, _ = carve(self._memory, layout)
+        self._memory, self._places = rod_memory(layout), places(layout)
+        _, self._state, self._rule, self._contacts, self._work = carve(self._memory, self._places)
         sides = layout.points // layout.half
         rule = rod_rule(body.length_m, body.mass_kg, modes, layout.half, sides, symmetric and clamped)
         for table, values in zip(self._rule, rule, strict=True):
@@ -265,7 +266,7 @@ class RodTwin:
     def _play(
         self, drive: FloatArray, samples: int, steps: int, rows: FloatArray, seen: FloatArray = _NOTHING_SEEN
     ) -> None:
-        done = play(self._memory, self._layout, self._physics, drive, samples, steps, rows, seen)
+        done = play(self._memory, self._places, self._physics, drive, samples, steps, rows, seen)
         if done < samples:
             raise BrokenOff(
                 f"the rod twin left its range at t = {self.t_s:.4g} s (a strain or a speed is not finite, or the tube "
@@ -328,7 +329,7 @@ class RodTwin:
         """Another twin in the same state, which goes its own way."""
         other = copy.copy(self)
         other._memory, other._row, other._ghost = self._memory.copy(), self._row.copy(), None
-        other._state, other._rule, other._contacts, other._work, _ = carve(other._memory, self._layout)
+        _, other._state, other._rule, other._contacts, other._work = carve(other._memory, self._places)
         return other
 
     def play_seen(self, drive: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
@@ -355,7 +356,7 @@ class RodTwin:
         every[:, -1] = seen[1:]
         fill_between(instants(seen, layout), instants(every[:, :-1], layout), layout.modes, self.radius_m)
         flat, flat_every = filled.reshape(-1, ROW_SIZE), every.reshape(-1, seen.shape[1])
-        play(self._at_another_time()._memory, layout, self._physics, _HOLD, len(flat), 0, flat, flat_every)
+        play(self._at_another_time()._memory, self._places, self._physics, _HOLD, len(flat), 0, flat, flat_every)
         filled[:, -1] = rows[1:]
         energy_J = rows[:, ENERGY]
         filled[:, :-1, ENERGY] = straight(energy_J[:-1], energy_J[1:], np.arange(1, parts) / parts)
@@ -397,7 +398,7 @@ class RodTwin:
         """Nothing to release."""
 
     def _look(self) -> FloatArray:
-        play(self._memory, self._layout, self._physics, _HOLD, 1, 0, self._row, _NOTHING_SEEN)
+        play(self._memory, self._places, self._physics, _HOLD, 1, 0, self._row, _NOTHING_SEEN)
         return self._row[0]
 
     def _stretch(self) -> float:

@@ -11,18 +11,21 @@ from pathlib import Path
 
 from numba import njit
 
+from softbot import kernel_compiler
+from softbot.kernel_compiler import PartCompiler
+
 # no nnan, ninf: the check for a finite state has to survive
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
-# for what is called from compiled code only: the way in from Python takes as long to compile as the function itself
-inner = njit(_nrt=False, fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-# the same, for what is called in one place: otherwise it is optimised once alone and once more inside its caller
-inlined = njit(_nrt=False, inline="always")
+# for what is called from compiled code only
+inner = njit(
+    _nrt=False, fastmath=FAST_MATH, no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler
+)
 
 
 def source_stamp() -> str:
     """Digest of the rod twin's source files."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("rod_*.py")):
+    for path in [Path(str(kernel_compiler.__file__)), *sorted(Path(__file__).parent.glob("rod_*.py"))]:
         digest.update(path.read_bytes())
     return digest.hexdigest()

@@ -45,7 +45,7 @@ from sim.rod_algebra import (
     solve_backward,
     solve_forward,
 )
-from sim.rod_compile import FAST_MATH, inlined, inner, source_stamp
+from sim.rod_compile import FAST_MATH, inner, source_stamp
 from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, keep_contacts
 from sim.rod_drive import growing_step_s, quiet_until_s, rest_curvature
 from sim.rod_energy import audit_energy, elastic_energy_J
@@ -73,8 +73,10 @@ from sim.rod_rotation import advance_rotation, bend_on, carry_bends, carry_spin,
 from sim.rod_row import note_kink, write_row
 from sim.rod_rule import Rule
 from sim.rod_views import flat, flat_rows
+from softbot.kernel_compiler import KernelCompiler
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _LARGEST_SPEED = 1e8  # m/s, rad/s, rad/(m s): beyond, the state means nothing
 _PASSES = 4  # of one step, at most
@@ -160,7 +162,7 @@ def _error(
     return h * h / 12.0 * np.sqrt(dot(product, product) / mass_kg) / radius_m
 
 
-@inlined
+@inner
 def _step(h: float, state: State, physics: Physics, rule: Rule, contacts: Contacts, work: Work, layout: Layout) -> int:
     """One step of h, or none: 0: done; 1: too coarse, nothing changed; 2: not finite, nothing changed."""
     size, base, modes = layout.columns, layout.base, layout.modes
@@ -351,10 +353,10 @@ def _follow_drive(drive: FloatArray, t_s: float, h: float, state: State, physics
 
 
 def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(_nrt=False, cache=True, nogil=True, fastmath=FAST_MATH)
+    @njit(_nrt=False, cache=True, nogil=True, fastmath=FAST_MATH, pipeline_class=KernelCompiler)
     def play(
         memory: FloatArray,
-        layout: Layout,
+        places: IntArray,
         physics: Physics,
         drive: FloatArray,
         samples: int,
@@ -364,11 +366,11 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
     ) -> int:
         """Advance a rod by samples × steps steps; a row of `out` after each sample. Returns the samples done.
 
-        memory: as `rod_memory.carve` lays it out. drive: as `rod_drive` lays it out. out: (samples, ROW_SIZE), or
+        memory, places: as `rod_memory.carve` takes them. drive: as `rod_drive` has it. out: (samples, ROW_SIZE), or
         (0, ROW_SIZE) for none. seen: the beginning of the memory after each sample (`rod_memory.Instants`), or none of
         it, (0, …). steps = 0 only looks at the rod as it is, or at the instants of `seen` one after another.
         """
-        state, rule, contacts, work, _ = carve(memory, layout)
+        layout, state, rule, contacts, work = carve(memory, places)
         going = len(stamp) > 0
         macro = physics.step_s
         flag = state.flag

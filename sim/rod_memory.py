@@ -7,19 +7,23 @@ columns of the equations, listed in `Layout`.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from sim.rod_groups import Group, compiled_carving
 from sim.rod_rule import Rule
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 INERTIA_ROWS, CONTACT_ROWS = 7, 3
 _LANE = 8  # every array starts on a multiple of this
-DRIVE_SIZE = 16
+_LINES = 5  # of the table for each array
 
 
 FLAGS = 13
@@ -197,17 +201,41 @@ class Work(NamedTuple):
     """Weight of the step's end of each coordinate, shape (6 + s,), and the step it was made for."""
 
 
-@register_jitable
-def _line(memory: FloatArray, at: int, size: int) -> tuple[FloatArray, int]:
-    return memory[at : at + size], at + (size + _LANE - 1) // _LANE * _LANE
+def _shapes(layout: Layout) -> dict[Any, tuple[tuple[int, ...], ...]]:
+    """Of the arrays of each group, in their order in the memory. `Instants` are the first of them."""
+    modes, points, half, strains, _, columns, spots, resists = layout
+    size, pairs, lines = 6 + strains, modes * (modes - 1) // 2, CONTACT_ROWS * spots + resists
+    along, contact = (points,), (spots, points)
+    inertia = (INERTIA_ROWS, points)
+    return {
+        State: (
+            (3,), (3, 3), (strains,), (size,), (6,), (FLAGS,), (strains,), (2,), (strains, strains), (size,),
+            (points, 3), (points, 3), (columns,),
+        ),
+        Rule: (along, along, along, (modes, points), (half, half), (points, modes), (points, pairs)),
+        Contacts: (
+            contact, (2, *contact), along, (columns, lines, points), (lines, points), (4, points), contact,
+            (2, *contact), (3, *contact), (3, *contact),
+        ),
+        Work: (
+            (columns,), (strains,), (3, 3), (3, 3, points), (3, points), (3, 3, points), (columns, 2, 3, points),
+            (columns, 2, 3, points), (columns, *inertia), inertia, inertia, inertia, inertia, inertia, (4, 3, points),
+            (3,), (columns, columns), (columns, columns), (columns,), (size,), (size,), (strains,), (size + 1,),
+        ),
+    }  # fmt: skip
 
 
-def _lines(*sizes: int) -> list[int]:
-    """Where arrays of these sizes begin, one after another, and where the last one ends."""
+def _starts(shapes: Iterable[tuple[int, ...]]) -> list[int]:
+    """Where arrays of these shapes begin, one after another, and where the last one ends."""
     starts = [0]
-    for size in sizes:
-        starts.append(starts[-1] + (size + _LANE - 1) // _LANE * _LANE)
+    for shape in shapes:
+        starts.append(starts[-1] + (math.prod(shape) + _LANE - 1) // _LANE * _LANE)
     return starts
+
+
+def _part(memory: FloatArray, at: int, shape: tuple[int, ...]) -> FloatArray:
+    """A view of an array in memory, or of one in each of many memories."""
+    return memory[..., at : at + math.prod(shape)].reshape(*memory.shape[:-1], *shape)
 
 
 class Instants(NamedTuple):
@@ -224,135 +252,59 @@ class Instants(NamedTuple):
     flag: FloatArray
 
 
-def _instant_sizes(layout: Layout) -> tuple[int, ...]:
-    return 3, 9, layout.strains, 6 + layout.strains, 6, FLAGS
+def _instant_shapes(layout: Layout) -> tuple[tuple[int, ...], ...]:
+    return _shapes(layout)[State][: len(Instants._fields)]
 
 
 def instant_size(layout: Layout) -> int:
     """Numbers that an instant takes."""
-    return _lines(*_instant_sizes(layout))[-1]
+    return _starts(_instant_shapes(layout))[-1]
 
 
 def instants(memory: FloatArray, layout: Layout) -> Instants:
     """Views of instants, shape (…, instant_size); of a rod's whole memory, its own."""
-    sizes = _instant_sizes(layout)
-    lines = [memory[..., at : at + size] for at, size in zip(_lines(*sizes), sizes, strict=False)]
-    lines[1] = lines[1].reshape(*lines[1].shape[:-1], 3, 3)
-    return Instants(*lines)
+    shapes = _instant_shapes(layout)
+    return Instants(*(_part(memory, at, shape) for at, shape in zip(_starts(shapes), shapes, strict=False)))
 
 
-@register_jitable
-def carve(memory: FloatArray, layout: Layout) -> tuple[State, Rule, Contacts, Work, int]:
-    """The views of a rod's memory, and the length used. It begins with what `Instants` has, in that order."""
-    modes, points, half, strains = layout.modes, layout.points, layout.half, layout.strains
-    columns = layout.columns
-    spots = layout.spots
-    touches = spots * points
-    size, at = 6 + strains, 0
-    pairs = modes * (modes - 1) // 2
-    position_m, at = _line(memory, at, 3)
-    flat, at = _line(memory, at, 3 * 3)
-    rotation = flat.reshape(3, 3)
-    strain, at = _line(memory, at, strains)
-    velocity, at = _line(memory, at, size)
-    momentum, at = _line(memory, at, 6)
-    flag, at = _line(memory, at, FLAGS)
-    flat, at = _line(memory, at, touches)
-    load_m_s2 = flat.reshape(spots, points)
-    flat, at = _line(memory, at, 2 * touches)
-    bristle_m = flat.reshape(2, spots, points)
-    roll_bristle, at = _line(memory, at, points)
-    rest_strain, at = _line(memory, at, strains)
-    lagged_1_m, at = _line(memory, at, 2)
-    flat, at = _line(memory, at, strains * strains)
-    stiffness = flat.reshape(strains, strains)
-    modal_rate_1_s2, at = _line(memory, at, size)
-    flat, at = _line(memory, at, points * 3)
-    push_N = flat.reshape(points, 3)
-    flat, at = _line(memory, at, points * 3)
-    push_N_m = flat.reshape(points, 3)
-    gain, at = _line(memory, at, columns)
-    root_mass, at = _line(memory, at, points)
-    inverse_root, at = _line(memory, at, points)
-    outward, at = _line(memory, at, points)
-    flat, at = _line(memory, at, modes * points)
-    mode = flat.reshape(modes, points)
-    flat, at = _line(memory, at, half * half)
-    integral = flat.reshape(half, half)
-    flat, at = _line(memory, at, points * modes)
-    turn = flat.reshape(points, modes)
-    flat, at = _line(memory, at, points * pairs)
-    turn_pair = flat.reshape(points, pairs)
-    column, at = _line(memory, at, columns)
-    strain_, at = _line(memory, at, strains)
-    flat, at = _line(memory, at, 3 * 3)
-    rotation_ = flat.reshape(3, 3)
-    flat, at = _line(memory, at, 3 * 3 * points)
-    section = flat.reshape(3, 3, points)
-    flat, at = _line(memory, at, 3 * points)
-    place_m = flat.reshape(3, points)
-    flat, at = _line(memory, at, 3 * 3 * points)
-    cross = flat.reshape(3, 3, points)
-    flat, at = _line(memory, at, columns * 6 * points)
-    density = flat.reshape(columns, 2, 3, points)
-    flat, at = _line(memory, at, columns * 6 * points)
-    swept = flat.reshape(columns, 2, 3, points)
-    flat, at = _line(memory, at, columns * INERTIA_ROWS * points)
-    rows = flat.reshape(columns, INERTIA_ROWS, points)
-    flat, at = _line(memory, at, INERTIA_ROWS * points)
-    rate = flat.reshape(INERTIA_ROWS, points)
-    flat, at = _line(memory, at, INERTIA_ROWS * points)
-    foretold = flat.reshape(INERTIA_ROWS, points)
-    flat, at = _line(memory, at, INERTIA_ROWS * points)
-    ahead = flat.reshape(INERTIA_ROWS, points)
-    flat, at = _line(memory, at, INERTIA_ROWS * points)
-    change = flat.reshape(INERTIA_ROWS, points)
-    flat, at = _line(memory, at, INERTIA_ROWS * points)
-    bias = flat.reshape(INERTIA_ROWS, points)
-    lines = CONTACT_ROWS * spots + layout.resists
-    flat, at = _line(memory, at, columns * lines * points)
-    contact = flat.reshape(columns, lines, points)
-    flat, at = _line(memory, at, lines * points)
-    drive = flat.reshape(lines, points)
-    flat, at = _line(memory, at, 4 * points)
-    ends = flat.reshape(4, points)
-    flat, at = _line(memory, at, 4 * 3 * points)
-    triple = flat.reshape(4, 3, points)
-    arm_m, at = _line(memory, at, 3)
-    flat, at = _line(memory, at, touches)
-    gap_m = flat.reshape(spots, points)
-    flat, at = _line(memory, at, 2 * touches)
-    normal = flat.reshape(2, spots, points)
-    flat, at = _line(memory, at, 3 * touches)
-    approach = flat.reshape(3, spots, points)
-    flat, at = _line(memory, at, 3 * touches)
-    grip = flat.reshape(3, spots, points)
-    flat, at = _line(memory, at, columns * columns)
-    inertia = flat.reshape(columns, columns)
-    flat, at = _line(memory, at, columns * columns)
-    matrix = flat.reshape(columns, columns)
-    vector, at = _line(memory, at, columns)
-    mean, at = _line(memory, at, size)
-    before, at = _line(memory, at, size)
-    off, at = _line(memory, at, strains)
-    theta, at = _line(memory, at, size + 1)
-    state = State(
-        position_m, rotation, strain, velocity, momentum, flag, rest_strain, lagged_1_m, stiffness, modal_rate_1_s2,
-        push_N, push_N_m, gain,
-    )  # fmt: skip
-    rule = Rule(root_mass, inverse_root, outward, mode, integral, turn, turn_pair)
-    contacts = Contacts(
-        load_m_s2, bristle_m, roll_bristle, contact, drive, ends, gap_m, normal, approach, grip
-    )  # fmt: skip
-    work = Work(
-        column, strain_, rotation_, section, place_m, cross, density, swept, rows, rate, foretold, ahead, change, bias,
-        triple, arm_m, inertia, matrix, vector, mean, before, off, theta,
-    )  # fmt: skip
-    return state, rule, contacts, work, at
+@lru_cache(maxsize=64)
+def places(layout: Layout) -> IntArray:
+    """The table of a rod's memory: its layout, then of each array where it begins and the lengths of four axes."""
+    shapes = [shape for group in _shapes(layout).values() for shape in group]
+    table = np.zeros((len(shapes), _LINES), dtype=np.int64)
+    for line, at, shape in zip(table, _starts(shapes), shapes, strict=False):
+        line[: 1 + len(shape)] = at, *shape
+    return np.concatenate([np.array(layout, dtype=np.int64), table.ravel()])
+
+
+def carve(memory: FloatArray, places: IntArray) -> tuple[Layout, State, Rule, Contacts, Work]:
+    """The layout and the views of a rod's memory. It begins with what `Instants` has, in that order."""
+    layout = Layout(*places[: len(Layout._fields)].tolist())
+    table = iter(places[len(layout) :].reshape(-1, _LINES))
+    groups: list[Any] = []
+    for group, shapes in _shapes(layout).items():
+        starts = [int(next(table)[0]) for _ in shapes]
+        groups.append(group(*(_part(memory, at, shape) for at, shape in zip(starts, shapes, strict=True))))
+    return (layout, *groups)
+
+
+def _groups() -> tuple[Group, ...]:
+    """The same as compiled code takes them."""
+    some = Layout(1, 1, 1, 1, 1, 1, 1, 1)
+    groups = [Group("Layout", {name: (line, 0) for line, name in enumerate(Layout._fields)})]
+    line = len(some)
+    for group, shapes in _shapes(some).items():
+        fields = {}
+        for name, shape in zip(group._fields, shapes, strict=True):
+            fields[name] = line, len(shape)
+            line += _LINES
+        groups.append(Group(group.__name__, fields))
+    return tuple(groups)
+
+
+compiled_carving(carve, _groups())
 
 
 def rod_memory(layout: Layout) -> FloatArray:
     """Zeroed memory of the right length for a rod."""
-    modes, points, size = layout.modes, layout.points, 6 + layout.strains
-    enough = np.zeros(200 * (points + 1) * (modes + 10) + (30 * points + 4 * size + 40) * (size + 6) * layout.spots)
-    return np.zeros(carve(enough, layout)[4])
+    return np.zeros(_starts(shape for group in _shapes(layout).values() for shape in group)[-1])

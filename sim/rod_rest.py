@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from sim.rod_compile import source_stamp
 from sim.rod_energy import elastic_energy_J
 from sim.rod_memory import ASLEEP, RESTED, WORK
+from softbot.kernel_compiler import KernelCompiler
 
 FloatArray = NDArray[np.float64]
 
 
 def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True)
+    @njit(cache=True, pipeline_class=KernelCompiler)
     def set_rest(
         strain: FloatArray,
         rest_strain: FloatArray,

@@ -25,7 +25,7 @@ from controllers.pressure_loop import PressureLoopGains, pack_pressure_loop, pre
 from controllers.sequencer import cycle as sequencer_cycle
 from controllers.sequencer import give_order
 from controllers.sequencer_parts import SequencerConfig, SequencerMemory, SequencerParts, sequencer_memory
-from sim import plant_kernel, rod_memory, sensors
+from sim import plant_kernel, rod_groups, rod_memory, sensors
 from sim.motion_rows import ROW_SIZE, TIME
 from sim.plant import Plant
 from sim.plant_kernel import DONE, PlantParts, RodParts, failure, handed_play, rod_period
@@ -143,7 +143,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         steps: int,
     ) -> int:
         """`count` control cycles from number `first` on; as many rows of `traces`. What `rod_period` says."""
-        own, state, truth = memory.own[0], carve(rod.memory, rod.layout)[0], plant_memory[0]
+        own, state, truth = memory.own[0], carve(rod.memory, rod.places)[1], plant_memory[0]
         look = np.zeros((1, traces.rows.shape[1]))
         pressure_Pa = np.zeros(CHAMBER_COUNT + 1)
         for n in range(count):
@@ -151,7 +151,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
             t_s = np.round(1e6 * (cycle * period_s)) / 1e6
             velocity = state.velocity
             if state.flag[_ALOFT] == 1.0:  # the base's own velocity is not yet what its momentum asks for
-                play(rod.memory, rod.layout, physics, hold, 1, 0, look, no_rows)
+                play(rod.memory, rod.places, physics, hold, 1, 0, look, no_rows)
                 spin, speed = look[0, 13:16], look[0, 16:19]
             else:
                 spin, speed = velocity[3:6], velocity[0:3]
@@ -228,7 +228,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                 row[_FIRST_PRESSURE + i] = truth.pressure_Pa[i]
                 row[_FIRST_SETPOINT + i] = board.setpoint_Pa[i] if obeys else 0.0
             if traces.rows.shape[0] > 0:
-                play(rod.memory, rod.layout, physics, hold, 1, 0, traces.rows[n : n + 1], no_rows)
+                play(rod.memory, rod.places, physics, hold, 1, 0, traces.rows[n : n + 1], no_rows)
         return DONE if len(stamp) > 0 else 0
 
     return cycles
@@ -250,7 +250,9 @@ def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
             heard.counts[1] = k + 1
 
 
-cycles = _compile(kernel_stamp(ideal_bus, plant_kernel, pressure_loop_module, rod_memory, sensors, __file__))
+cycles = _compile(
+    kernel_stamp(ideal_bus, plant_kernel, pressure_loop_module, rod_groups, rod_memory, sensors, __file__)
+)
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,119 @@
+"""numba's compiler without what kernels over plain arrays do not need: half as long at work, the same code.
+
+numba finds out anew what the product of two floats is for each product in a function, by asking in turn all who might
+know; here it is asked once for each function. It also looks through each function a dozen times for closures, literal
+loops, `with` blocks, array expressions and functions to inline, and puts it in order after each time: there are none.
+
+Of numba this uses what `njit(pipeline_class=…)` is made for, and the names of its passes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.typed_passes import NopythonTypeInference, PreLowerStripPhis
+from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
+
+
+class _Remembering:
+    """A typing context that is asked each question once."""
+
+    def __init__(self, context: Any) -> None:
+        self._context, self._known = context, {}  # type: ignore[var-annotated]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def _once(self, ask: Any, *question: Any) -> Any:
+        try:
+            return self._known[question]
+        except TypeError:  # a slice has no hash
+            return ask()
+        except KeyError:
+            answer = self._known[question] = ask()
+            return answer
+
+    def resolve_function_type(self, function: Any, arguments: Any, keywords: Any) -> Any:
+        return self._once(
+            lambda: self._context.resolve_function_type(function, arguments, keywords),
+            function, tuple(arguments), tuple(dict(keywords).items()),
+        )  # fmt: skip
+
+    def resolve_setitem(self, target: Any, index: Any, value: Any) -> Any:
+        return self._once(lambda: self._context.resolve_setitem(target, index, value), "setitem", target, index, value)
+
+    def resolve_getattr(self, owner: Any, name: str) -> Any:
+        return self._once(lambda: self._context.resolve_getattr(owner, name), "getattr", owner, name)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _TypeInference(NopythonTypeInference):
+    _name = "type_inference_once"
+
+    def run_pass(self, state: Any) -> bool:
+        context = state.typingctx
+        state.typingctx = _Remembering(context)
+        try:
+            return bool(super().run_pass(state))
+        finally:
+            state.typingctx = context
+
+
+class KernelCompiler(CompilerBase):
+    """For kernels that Python calls: plain loops over arrays and records."""
+
+    def define_pipelines(self) -> list[Any]:
+        """One pipeline."""
+        passes = PassManager("kernel")
+        passes.add_pass(TranslateByteCode, "analyzing bytecode")
+        passes.add_pass(FixupArgs, "fix up args")
+        passes.add_pass(IRProcessing, "processing IR")
+        passes.add_pass(GenericRewrites, "constant indices")
+        passes.add_pass(ReconstructSSA, "ssa")
+        passes.add_pass(_TypeInference, "type inference")
+        passes.add_pass(PreLowerStripPhis, "remove phis nodes")
+        passes.passes.extend(DefaultPassBuilder.define_nopython_lowering_pipeline(self.state).passes)
+        passes.finalize()
+        return [passes]
+
+
+class _NotLoaded:
+    """Where code is that was not loaded to be run."""
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Nothing to set."""
+
+
+class _PartLibrary(JITCodeLibrary):
+    """Code that is linked into that of its callers and nothing else."""
+
+    @property
+    def codegen(self) -> _NotLoaded:
+        return _NotLoaded()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    def _optimize_final_module(self) -> None:
+        """Together with what it calls it is optimised where it is called."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class PartCompiler(KernelCompiler):
+    """For what is only called by other kernels, which take it into their own code.
+
+    numba would also make it ready to be run by itself: optimised, and turned into machine code with all that it calls.
+    """
+
+    def define_pipelines(self) -> list[Any]:
+        """One pipeline."""
+        state = self.state
+        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
