@@ -42,7 +42,8 @@ _LEAST_NOISE_RAD = 0.004
 _DRIFT_RAD = 3e-4  # what the roll is off by more in a reading, beside the gyro's noise: pitch and yaw, scale
 _LEFT_OUT_TIME_S, _LEFT_OUT_RAD, _LEFT_OUT_SHARE = 0.1, 0.004, 0.2  # of m; its deviation always, and over the lean's
 _JERKS_TIME_S = 1.0
-_GRIP_KNOWN = 0.1
+_GRIP_KNOWN, _GRIP_CHANGES = 0.1, 0.1  # deviation of γ at first, and of its change in a second
+_TELLS = 4.0  # deviations of a lean's noise, from which on it tells of the grip
 _JUMP_RAD_S = 0.5  # what a bias that is learnt anew may be: its deviation
 _SHOCK = 0.1  # share of g by which a specific force may be off, before its direction counts for less
 _ASTRAY_RAD = 0.03  # what the roll may have come to be off by before the alarm
@@ -180,6 +181,7 @@ def _predict(parts: InertialParts, own: Any, spin_rad_s: float, step_s: float) -
     lost = step_s > _LONGEST_STEP * parts.period_s
     unknown = abs(spin_rad_s - own.last_rad_s) * step_s if lost else parts.gyro_noise_rad_s * step_s
     covariance[ROLL, ROLL] = square + unknown * unknown + _DRIFT_RAD * _DRIFT_RAD * step_s / parts.period_s
+    covariance[GRIP, GRIP] = min(covariance[GRIP, GRIP] + _GRIP_CHANGES * _GRIP_CHANGES * step_s, _GRIP_KNOWN)
     kept = math.exp(-step_s / _LEFT_OUT_TIME_S)
     own.x[LEFT_OUT] *= kept
     for j in range(STATES):
@@ -204,6 +206,9 @@ def _correct(parts: InertialParts, own: Any, up_rad: float, size: float, lean: f
     own.innovation = off / math.sqrt(spread)
     if abs(own.innovation) > parts.wild:  # a knock: it teaches little
         spread *= (own.innovation / parts.wild) ** 2
+    noise = math.sqrt(2.0) * parts.gyro_noise_rad_s * parts.radius_m / (parts.period_s * STANDARD_GRAVITY_M_S2)
+    if abs(lean) < _TELLS * noise:
+        row[GRIP] = 0.0
     for i in range(STATES):
         x[i] += row[i] / spread * off
         for j in range(STATES):
@@ -239,9 +244,10 @@ def _judge(parts: InertialParts, own: Any) -> int:
 
 
 @njit
-def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool) -> int:
+def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool, judges: bool) -> int:
     """One reading: NOTHING, FOUND when the gyro is now found biased (`x[BIAS]` says by how much), LEARNT when the
-    bias of such a one has just been learnt anew. alive: whether the unit is believed to be."""
+    bias of such a one has just been learnt anew. alive: whether the unit is believed to be. judges: whether the robot
+    moves as the filter believes; else it only learns."""
     force_1, force_2, spin = reading.accelerometer_m_s2[0], reading.accelerometer_m_s2[1], reading.gyro_rad_s[2]
     size = math.hypot(force_1, force_2) / STANDARD_GRAVITY_M_S2
     if not (alive and math.isfinite(spin) and math.isfinite(size) and math.isfinite(reading.t_s)):
@@ -262,4 +268,8 @@ def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool) 
     if size <= _WEIGHTLESS:
         return NOTHING
     _correct(parts, own, up_rad, size, lean)
-    return _judge(parts, own) if own.seen > parts.settle else NOTHING
+    if judges and own.seen > parts.settle:
+        return _judge(parts, own)
+    own.rising = own.falling = 0.0
+    own.alarm = -1
+    return NOTHING

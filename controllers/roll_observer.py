@@ -28,6 +28,7 @@ from softbot.robot import Robot
 
 _IMU_BIAS = KIND_CODES[FaultKind.IMU_BIAS]
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
+_SETTLES_S = 1.5
 
 
 class RollParts(NamedTuple):
@@ -53,11 +54,13 @@ def roll_memory() -> RollMemory:
 
 
 @njit
-def _watch_inertial(parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any) -> None:
+def _watch_inertial(
+    parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any, steady: bool
+) -> None:
     """The gyro's bias: told once, and taken off the estimate whenever it has been learnt."""
     own = memory.inertial[0]
     alive = detector.imu_repeats == 0 and detector.named_shared[_IMU_STUCK] + detector.named_shared[_IMU_DROPOUT] == 0
-    learnt = observe_inertial(parts.inertial, own, reading, alive)
+    learnt = observe_inertial(parts.inertial, own, reading, alive, steady)
     if learnt == NOTHING:
         return
     take_bias(estimate, own.x[BIAS], own.x[ROLL])
@@ -69,6 +72,12 @@ def _watch_inertial(parts: RollParts, memory: RollMemory, detector: Any, estimat
 
 
 @njit
-def watch_roll(parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any) -> None:
-    """One cycle: a record of READINGS, the estimate after it, the detector's own record that gets the verdicts."""
-    _watch_inertial(parts, memory, detector, estimate, reading)
+def watch_roll(
+    parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any, entered_s: float
+) -> None:
+    """One cycle: a record of READINGS, the estimate after it, the detector's own record that gets the verdicts.
+
+    entered_s: since when the sequencer is in its state; as it begins to roll, the C flops over and slips.
+    """
+    steady = reading.t_s - entered_s > _SETTLES_S
+    _watch_inertial(parts, memory, detector, estimate, reading, steady)

@@ -428,7 +428,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        watch_roll(parts.roll, memory.roll, memory.detector.own[0], estimate, reading[0])
+        watch_roll(parts.roll, memory.roll, memory.detector.own[0], estimate, reading[0], own.entered_s)
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
