@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba import njit
-
 from controllers.estimation import take_bias
 from controllers.fault_detection import tell
 from controllers.inertial_observer import (
@@ -24,6 +22,7 @@ from controllers.inertial_observer import (
     parts_of_inertial,
 )
 from softbot.faults import KIND_CODES, NO_CHAMBER, FaultKind, IMU_BIAS_rad_s
+from softbot.kernel_compiler import part
 from softbot.robot import Robot
 
 _IMU_BIAS = KIND_CODES[FaultKind.IMU_BIAS]
@@ -53,7 +52,7 @@ def roll_memory() -> RollMemory:
     return RollMemory(inertial_memory())
 
 
-@njit
+@part()
 def _watch_inertial(
     parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any, steady: bool
 ) -> None:
@@ -71,7 +70,7 @@ def _watch_inertial(
         tell(detector, NO_CHAMBER, _IMU_BIAS, min(abs(own.x[BIAS]) / IMU_BIAS_rad_s, 1.0), confidence)
 
 
-@njit
+@part()
 def watch_roll(
     parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any, entered_s: float
 ) -> None:
