@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from softbot import kernel_compiler
 from softbot.kernel_compiler import part
 from softbot.kernel_stamp import kernel_stamp
 
@@ -21,4 +20,4 @@ inner = part(_nrt=False, fastmath=FAST_MATH)
 
 def source_stamp() -> int:
     """Stamp of the rod twin's source files."""
-    return kernel_stamp(kernel_compiler, *sorted(Path(__file__).parent.glob("rod_*.py")))
+    return kernel_stamp(*sorted(Path(__file__).parent.glob("rod_*.py")))
