@@ -11,7 +11,6 @@ import hashlib
 from pathlib import Path
 from types import ModuleType
 
-
 _COMPILER = Path(__file__).with_name("kernel_compiler.py")
 
 
