@@ -38,6 +38,7 @@ from controllers import (
     proof,
     recovery,
     robot_model,
+    roll_balance,
     roll_observer,
     sequencer_parts,
     supply_observer,
@@ -60,7 +61,7 @@ from controllers.interface import (
 from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof
 from controllers.recovery import arch, most_moment, needs_momentum, plan_roll, reach, use_of
 from controllers.robot_model import pressures_for
-from controllers.roll_observer import watch_roll
+from controllers.roll_observer import OTHER_MOTION, RESTS, ROLLS, watch_roll
 from controllers.sequencer_parts import (
     MOST_ANSWERS,
     SequencerConfig,
@@ -408,6 +409,13 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
 
 
 @njit(cache=True)
+def _motion(own: Any) -> int:
+    if own.state == _DISARMED or own.state == _SAFE:
+        return RESTS
+    return ROLLS if own.armed and (own.state == _ROLLING or own.state == _STALLED) else OTHER_MOTION
+
+
+@njit(cache=True)
 def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None:
     """Ask for a little more pressure where the detector wants to see whether a chamber fills."""
     own, probe = memory.own[0], memory.detector.own[0].probe
@@ -428,7 +436,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        watch_roll(parts.roll, memory.roll, memory.detector.own[0], estimate, reading[0], own.entered_s)
+        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _motion(own))
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
@@ -465,6 +473,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        roll_balance,
         roll_observer,
         sequencer_parts,
         supply_observer,
