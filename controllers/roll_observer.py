@@ -39,10 +39,8 @@ _IMU_BIAS = KIND_CODES[FaultKind.IMU_BIAS]
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
 _FRICTION_LOST, _OBSTACLE = KIND_CODES[FaultKind.FRICTION_LOST], KIND_CODES[FaultKind.OBSTACLE]
 _WALL_SOFTENING = KIND_CODES[FaultKind.WALL_SOFTENING]
-RESTS, ROLLS, OTHER_MOTION = range(3)
-"""What the robot is made to do: nothing; to roll, with all its chambers; anything else."""
 NOT_HEARD = -1
-_STATE = np.dtype([("motion", np.int64), ("cycles", np.int64), ("heard", np.int64)], align=True)
+_STATE = np.dtype([("cycles", np.int64), ("heard", np.int64)], align=True)
 _SETTLES_S = 1.5
 _SOFTEST_RISE = 0.55  # of a gain, of a softening of severity 1
 _SURE = 0.99
@@ -61,8 +59,8 @@ class RollMemory(NamedTuple):
     inertial: Any
     balance: Any
     state: Any
-    """What the robot is made to do and for how many cycles; `heard`: what another sequencer says that it is, if that is
-    the one that moves it, else NOT_HEARD."""
+    """For how many cycles the robot has rolled, and whether it does (1, 0) as another sequencer says, if that is the
+    one that moves it, else NOT_HEARD."""
 
 
 def parts_of_roll(robot: Robot, period_s: float) -> RollParts:
@@ -132,19 +130,19 @@ def watch_roll(
     detector: Any,
     estimate: Any,
     reading: Any,
-    motion: int,
+    rolls: bool,
 ) -> None:
     """One cycle: a record of READINGS, the estimate after it, the detector's own record that gets the verdicts.
 
-    motion: RESTS, ROLLS or other; as a robot begins to roll or reverses its C, it slips, and nothing is judged.
+    rolls: whether the robot is made to, with all its chambers. As it begins to, as it reverses its C and as it falls
+    into its safe state it slips, and nothing is judged.
     """
     state = memory.state[0]
-    motion = motion if state.heard == NOT_HEARD else state.heard
-    state.cycles = state.cycles + 1 if motion == state.motion else 0
-    state.motion = motion
-    steady = state.cycles * parts.period_s > _SETTLES_S and motion != OTHER_MOTION
+    rolls = rolls if state.heard == NOT_HEARD else state.heard > 0
+    state.cycles = state.cycles + 1 if rolls else 0
+    steady = state.cycles * parts.period_s > _SETTLES_S
     _watch_inertial(parts, memory, detector, estimate, reading, steady)
-    if steady and motion == ROLLS and _sound(detector):
+    if steady and _sound(detector):
         _watch_grip(memory, detector)
         if memory.inertial[0].alarm < 0:
             _watch_balance(memory, detector, estimate, model, parts.period_s)

@@ -61,7 +61,7 @@ from controllers.interface import (
 from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof
 from controllers.recovery import arch, most_moment, needs_momentum, plan_roll, reach, use_of
 from controllers.robot_model import pressures_for
-from controllers.roll_observer import OTHER_MOTION, RESTS, ROLLS, watch_roll
+from controllers.roll_observer import watch_roll
 from controllers.sequencer_parts import (
     MOST_ANSWERS,
     SequencerConfig,
@@ -409,10 +409,8 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
 
 
 @njit(cache=True)
-def _motion(own: Any) -> int:
-    if own.state == _DISARMED or own.state == _SAFE:
-        return RESTS
-    return ROLLS if own.armed and (own.state == _ROLLING or own.state == _STALLED) else OTHER_MOTION
+def _rolls(own: Any) -> bool:
+    return bool(own.armed and (own.state == _ROLLING or own.state == _STALLED))
 
 
 @njit(cache=True)
@@ -436,7 +434,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _motion(own))
+        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])

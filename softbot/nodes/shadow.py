@@ -24,7 +24,6 @@ from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET
 from controllers.inertial_observer import BIAS, GRIP
 from controllers.interface import Command, Detection, Order, SequencerState
 from controllers.roll_balance import DRY, GAIN
-from controllers.roll_observer import OTHER_MOTION, RESTS, ROLLS
 from controllers.sequencer import Sequencer
 from controllers.sequencer_parts import SequencerConfig
 from firmware_protocol.codec import decode
@@ -45,12 +44,7 @@ from softbot.sensing import Readings
 
 TURN_RAD = 2.0 * math.pi
 _OF_THE_SUPPLY = (FaultKind.SUPPLY_SAG, FaultKind.SUPPLY_LOSS)
-_MOTIONS = {
-    SequencerState.DISARMED: RESTS,
-    SequencerState.SAFE: RESTS,
-    SequencerState.ROLLING: ROLLS,
-    SequencerState.STALLED: ROLLS,
-}
+_ROLLS = (SequencerState.ROLLING, SequencerState.STALLED)
 _CALENDAR_FROM_S = 1e9  # stamps beyond are seconds since 1970, as candump writes them
 Seen = tuple[float, list[Frame]]
 """Time [s] and the frames that came then."""
@@ -155,7 +149,7 @@ class Shadow:
         before_s, self.t_s = self.t_s, max(self.t_s, round(stamp_s - self._first_s, 6))
         self.armed_s += (self.t_s - before_s) * self._node.link.armed
         known = len(self._node.detections)
-        self._sequencer.memory.roll.state[0]["heard"] = _MOTIONS.get(self.heard.state, OTHER_MOTION)
+        self._sequencer.memory.roll.state[0]["heard"] = self.heard.state in _ROLLS
         self._node.cycle(self.t_s, [frame for frame in came if frame.frame_id in self._of_the_board])
         if self._node.failure is not None:
             raise SimulationError(
