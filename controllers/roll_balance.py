@@ -39,6 +39,7 @@ _SLOW_RAD_S = 0.3  # below it dry friction has no side, and the robot stands
 _FIRST = np.array([0.05, 0.01, 0.2, 0.0, 0.0, 0.0, 0.0])
 _KNOWN = np.array([0.05, 0.01, 0.2, 0.15, 0.15, 0.15, 0.15])
 _CHANGES = 0.02  # of what was known at first, in a mean
+_UNKNOWN = 4.0  # variance over that at first, which it does not grow beyond
 _NOISE = 0.02  # of a moment: what the balance leaves out
 _SIZE_MEANS = 200.0  # over which the innovations' size is known
 _ALLOWANCE, _MOST, _LEARNS_BELOW, _CHANGED_AT = 2.5, 9.0, 6.0, 40.0  # of the squares
@@ -139,7 +140,8 @@ def _weigh(own: Any, spin_rad_s: float) -> int:
     own.seen += 1
     spread = _NOISE * _NOISE
     for i in range(STATES):
-        own.covariance[i, i] += (_CHANGES * _KNOWN[i]) ** 2
+        if own.covariance[i, i] < _UNKNOWN * _KNOWN[i] ** 2:
+            own.covariance[i, i] += (_CHANGES * _KNOWN[i]) ** 2
         row[i] = 0.0
     for i in range(STATES):
         for j in range(STATES):
