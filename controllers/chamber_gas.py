@@ -13,9 +13,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from softbot.kernel_compiler import kernel, part
 from softbot.pneumatics import PneumaticsParameters, flow_and_slopes, flow_coefficient
 
 FloatArray = NDArray[np.float64]
@@ -60,7 +60,7 @@ def gas_of(parameters: PneumaticsParameters) -> Gas:
     )
 
 
-@njit
+@part()
 def lagged_opening(lag_s: float, step_s: float, before: float, commanded: float) -> tuple[float, float]:
     """Opening of a valve with a first-order lag after a step, and its mean over the step."""
     if lag_s <= 0.0:
@@ -69,7 +69,7 @@ def lagged_opening(lag_s: float, step_s: float, before: float, commanded: float)
     return commanded + (before - commanded) * kept, commanded + (before - commanded) * (lag_s / step_s) * (1.0 - kept)
 
 
-@njit
+@kernel(cache=False)
 def next_pressure(
     gas: Gas,
     chamber: int,

@@ -13,10 +13,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, next_pressure
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -55,13 +55,13 @@ OBSERVER = np.dtype(
 moved within the period may have made of it, one way or the other."""
 
 
-@njit
+@part()
 def between(mean: float, at_end: float) -> float:
     """The opening to reckon with over a period in which a valve moved; which part of it acts, is not known."""
     return 0.5 * (mean + at_end)
 
 
-@njit
+@part()
 def begin_observing(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> None:
     """Start anew from a reading, with all that is known of the parameters."""
     for i in range(STATES):
@@ -78,7 +78,7 @@ def begin_observing(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> N
     own.innovation_Pa, own.deviation_Pa = 0.0, noise_Pa
 
 
-@njit
+@kernel(cache=False)
 def resume_observing(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> None:
     """Take a reading for the pressure, after an interval of which nothing is known; what was learnt is kept."""
     offset_Pa2 = own.covariance[OFFSET, OFFSET]
@@ -92,7 +92,7 @@ def resume_observing(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> 
     own.innovation_Pa, own.deviation_Pa = 0.0, noise_Pa
 
 
-@njit
+@kernel(cache=False)
 def observe(
     own: Any,
     gas: Gas,

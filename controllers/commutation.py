@@ -14,10 +14,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -31,19 +31,19 @@ def without(dead: Sequence[int]) -> FloatArray:
     return strength
 
 
-@njit(cache=True)
+@kernel()
 def wrapped(angle_rad: float) -> float:
     """The same angle from −π to π [rad]."""
     return angle_rad - TURN_RAD * np.round(angle_rad / TURN_RAD)
 
 
-@njit(cache=True)
+@kernel()
 def side_angle_rad(side: int) -> float:
     """World angle of the inner side of a C that opens to the left (+1) or to the right (−1) [rad]."""
     return 0.0 if side > 0 else math.pi
 
 
-@njit(cache=True)
+@kernel()
 def commanded_direction_rad(side: int, lead_rad: float, roll_rad: float) -> float:
     """Body angle of the curvature to command, the lead ahead of where the C lies [rad]."""
     return wrapped(side_angle_rad(side) + lead_rad - roll_rad)

@@ -15,19 +15,19 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from controllers.robot_model import RobotModel
 from softbot.actuator import ActuatorLaw, InverseSolution
 from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel
 from softbot.memory.chain import Memory, advance, undo
 
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel()
 def compensate(model: RobotModel, estimate: Any, strength: FloatArray, pressure_Pa: FloatArray) -> None:
     """From pressures (4,) that the wall shall feel to those to command, in place: the sequencer's compensator.
 

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.commutation import wrapped
 from controllers.robot_model import RobotModel
 from softbot.actuator_equilibrium import wall_forces
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel, part
 from softbot.memory.chain import STATE_MOST, advance
 from softbot.sensing import READINGS, Readings
 
@@ -74,7 +74,7 @@ def estimator_memory() -> Any:
     return memory
 
 
-@njit(cache=True)
+@part()
 def follow_roll(own: Any, reading: Any) -> None:
     """The roll after a reading. One that is not finite is bridged with the rate as it was."""
     force_1, force_2, spin = reading.accelerometer_m_s2[0], reading.accelerometer_m_s2[1], reading.gyro_rad_s[2]
@@ -100,7 +100,7 @@ def follow_roll(own: Any, reading: Any) -> None:
     own.last_t_s = reading.t_s
 
 
-@njit(cache=True)
+@part()
 def take_bias(own: Any, bias_rad_s: float, roll_rad: float) -> None:
     """Go on with a bias of the gyro that was learnt elsewhere, and the roll (but for whole turns) that goes with it."""
     own.roll_rate_rad_s += own.bias_rad_s - bias_rad_s
@@ -109,7 +109,7 @@ def take_bias(own: Any, bias_rad_s: float, roll_rad: float) -> None:
     own.roll_rad += wrapped(roll_rad - own.roll_rad)
 
 
-@njit(cache=True)
+@part()
 def solve_three(matrix: FloatArray, right: FloatArray, out: FloatArray) -> bool:
     """Solve a symmetric 3 × 3 system by its adjugate. False when it is singular."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
@@ -125,7 +125,7 @@ def solve_three(matrix: FloatArray, right: FloatArray, out: FloatArray) -> bool:
     return True
 
 
-@njit(cache=True)
+@part()
 def follow_bend(model: RobotModel, own: Any, pressure_Pa: FloatArray, usable: FloatArray) -> None:
     """The bend at these pressures. usable (4,): 0 for a chamber taken as vented whatever its sensor says.
 
@@ -224,7 +224,7 @@ class Estimator:
         )
 
 
-@njit(cache=True)
+@kernel()
 def _follow(model: RobotModel, memory: Any, reading: Any, usable: FloatArray) -> None:
     follow_roll(memory[0], reading[0])
     follow_bend(model, memory[0], reading[0].pressure_Pa, usable)

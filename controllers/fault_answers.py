@@ -15,10 +15,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from softbot.faults import BALLOON_LOSS, KIND_CODES, KINDS, FaultKind
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def answers() -> FloatArray:
     return table
 
 
-@njit
+@kernel(cache=False)
 def strength_left(table: FloatArray, kind: int, severity: float) -> float:
     """What a chamber can still do, 0 … 1, with this wrong with it (0: nothing is)."""
     if severity >= table[kind, DEAD_FROM]:

@@ -10,7 +10,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from softbot.faults import (
@@ -22,6 +21,7 @@ from softbot.faults import (
     BALLOON_VOLUME_1_Pa,
     FaultKind,
 )
+from softbot.kernel_compiler import part
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Change(IntEnum):
 _HOLE, _INLET, _OUTLET, _BOTH = int(Change.HOLE), int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
 
 
-@njit
+@part()
 def changed_ways(change: int, value: float, inlet: float, outlet: float, hole: float) -> tuple[float, float, float]:
     """Conductances of inlet, outlet and hole, as ratios of the nominal ones, once a change of this value has struck."""
     if change == _HOLE:

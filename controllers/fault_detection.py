@@ -28,7 +28,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers import (
@@ -65,6 +64,7 @@ from controllers.interface import Detection
 from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
 from softbot import pneumatics
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
+from softbot.kernel_compiler import kernel, part
 from softbot.kernel_stamp import kernel_stamp
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import READINGS, Readings, SensorParameters
@@ -139,7 +139,7 @@ def detections_of(memory: DetectorMemory, t_s: float) -> tuple[Detection, ...]:
     )
 
 
-@njit
+@kernel(cache=False)
 def forget_chamber(memory: DetectorMemory, chamber: int) -> None:
     """Take a chamber's verdict back: its filter begins anew with the next reading."""
     own = memory.own[0]
@@ -153,13 +153,13 @@ def forget_chamber(memory: DetectorMemory, chamber: int) -> None:
     memory.observer[chamber].deviation_Pa = 0.0  # tells `detect` to begin with it anew
 
 
-@njit
+@part()
 def _drop(own: Any, chamber: int) -> None:
     own.rising[chamber] = own.falling[chamber] = 0.0
     own.alarm[chamber] = -1
 
 
-@njit
+@part()
 def _resume(parts: DetectorParts, memory: DetectorMemory, reading: Any, begins: bool, forgets: bool) -> None:
     """The first reading, or the first after one was lost."""
     own = memory.own[0]
@@ -184,7 +184,7 @@ def _resume(parts: DetectorParts, memory: DetectorMemory, reading: Any, begins: 
     _keep(parts, memory, reading, own.lagged, own.lagged, 0.0)
 
 
-@njit
+@part()
 def _keep(
     parts: DetectorParts, memory: DetectorMemory, reading: Any, opening: FloatArray, swelling: FloatArray, step_s: float
 ) -> None:
@@ -209,7 +209,7 @@ def _keep(
         window.deviation_Pa[at, c] = observer.deviation_Pa
 
 
-@njit
+@part()
 def _follow(
     parts: DetectorParts, memory: DetectorMemory, reading: Any, chamber_volume_m3: FloatArray, step_s: float
 ) -> None:
@@ -256,7 +256,7 @@ def _follow(
     _keep(parts, memory, reading, mean, swelling, step_s)
 
 
-@njit
+@part()
 def tell(own: Any, chamber: int, kind: int, severity: float, confidence: float) -> None:
     """A verdict of this cycle, into the detector's own record; chamber NO_CHAMBER for what is shared."""
     if chamber >= 0:
@@ -271,7 +271,7 @@ def tell(own: Any, chamber: int, kind: int, severity: float, confidence: float) 
     report(own, chamber, kind, severity, confidence)
 
 
-@njit
+@part()
 def report(own: Any, chamber: int, kind: int, severity: float, confidence: float) -> None:
     """A verdict of this cycle that leaves a chamber to be watched as before."""
     n = own.found
@@ -281,7 +281,7 @@ def report(own: Any, chamber: int, kind: int, severity: float, confidence: float
         own.found = n + 1
 
 
-@njit
+@part()
 def _judge(parts: DetectorParts, memory: DetectorMemory, reading: Any, decides: bool) -> None:
     own = memory.own[0]
     for c in range(CHAMBER_COUNT):
@@ -315,7 +315,7 @@ def _judge(parts: DetectorParts, memory: DetectorMemory, reading: Any, decides: 
         _explain(parts, memory, c)
 
 
-@njit
+@part()
 def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float, c: int) -> int:
     """What a chamber's readings alone say of its sensor: a kind by number, 0 none."""
     if shown_Pa == own.last_Pa[c]:
@@ -339,7 +339,7 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
     return 0
 
 
-@njit
+@part()
 def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) -> None:
     """Play the library over the last second of a chamber; its verdict is written anew."""
     own = memory.own[0]
@@ -357,7 +357,7 @@ def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) ->
     )
 
 
-@njit
+@part()
 def _ask_for_probe(parts: DetectorParts, own: Any, verdict: Any, c: int) -> None:
     """Where a chamber does not vent and only filling it a little would tell why, ask for that."""
     if own.probed[c] >= own.alarm[c] or verdict.evidence < parts.evidence or own.lagged[c] > -_HOLDS_BACK:
@@ -370,7 +370,7 @@ def _ask_for_probe(parts: DetectorParts, own: Any, verdict: Any, c: int) -> None
             own.probe[c] = parts.probe_cycles
 
 
-@njit
+@part()
 def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     """Look for what explains a suspected chamber, and say it when it is clear."""
     own = memory.own[0]
@@ -400,7 +400,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
 
 
-@njit
+@part()
 def _review(parts: DetectorParts, memory: DetectorMemory, reading: Any, c: int, decides: bool) -> None:
     """Look again at a chamber that was named: what it does since then may tell the kinds apart."""
     own = memory.own[0]
@@ -434,7 +434,7 @@ def _review(parts: DetectorParts, memory: DetectorMemory, reading: Any, c: int, 
             _drop(own, c)
 
 
-@njit
+@part()
 def _go_on_following(parts: DetectorParts, memory: DetectorMemory, c: int, decides: bool) -> None:
     """Let every explanation of a named chamber meet the next reading; another one takes its place when it leads."""
     own, follower = memory.own[0], memory.follower[c]
@@ -446,7 +446,7 @@ def _go_on_following(parts: DetectorParts, memory: DetectorMemory, c: int, decid
     give_up(follower)
 
 
-@njit
+@part()
 def _judge_supply(parts: DetectorParts, memory: DetectorMemory, reading: Any, step_s: float) -> None:
     """A supply that stands lower than the valves can draw it: it sags, or it is lost.
 
@@ -477,7 +477,7 @@ def _judge_supply(parts: DetectorParts, memory: DetectorMemory, reading: Any, st
         tell(own, NO_CHAMBER, kind, severity, 1.0 / (1.0 + math.exp(-min(abs(evidence), 700.0))))
 
 
-@njit
+@part()
 def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
     """An inertial unit that repeats itself to the last bit, or says zero throughout."""
     same, nothing = True, True
@@ -494,8 +494,8 @@ def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
         tell(own, NO_CHAMBER, kind, 1.0, 1.0)
 
 
-def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True)
+def _compile(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel()
     def detect(
         parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray
     ) -> bool:
@@ -510,7 +510,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
             whole = whole and math.isfinite(reading.pressure_Pa[c]) and math.isfinite(reading.opening[c])
             whole = whole and chamber_volume_m3[c] + parts.gas.dead_volume_m3[c] > 0.0
         if not whole:
-            return len(stamp) > 0
+            return stamp > 0
         step_s = reading.t_s - own.last_t_s
         begins = math.isnan(own.last_t_s)
         lost = not begins and not 0.2 * parts.period_s < step_s < _LONGEST_STEP * parts.period_s
@@ -530,7 +530,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         for c in range(CHAMBER_COUNT):
             own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
         own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
-        return len(stamp) > 0
+        return stamp > 0
 
     return detect
 

@@ -13,7 +13,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
@@ -21,6 +20,7 @@ from controllers.chamber_observer import HOLE, INLET, MODEL_ERROR, OFFSET, OUTLE
 from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
 from controllers.fault_naming import EVIDENCE, KEPT
 from softbot.faults import SENSOR_SCALE_LOSS, SENSOR_OFFSET_Pa
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ FOLLOWER = np.dtype(
 conductances of the chamber before anything was wrong with it."""
 
 
-@njit
+@kernel(cache=False)
 def begin_following(
     own: Any,
     candidates: Candidates,
@@ -90,7 +90,7 @@ def begin_following(
     resume_following(own, candidates, atmosphere_Pa, reading_Pa, noise_Pa)
 
 
-@njit
+@part()
 def resume_following(
     own: Any, candidates: Candidates, atmosphere_Pa: float, reading_Pa: float, noise_Pa: float
 ) -> None:
@@ -113,7 +113,7 @@ def resume_following(
         own.covariance[m, 0], own.covariance[m, 1], own.covariance[m, 2] = variance_Pa2, both, known * known
 
 
-@njit
+@kernel(cache=False)
 def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int, now: int, noise_Pa: float) -> None:
     """One step of a chamber's filters, by what the window kept of cycle `now`."""
     k = now % KEPT
@@ -185,7 +185,7 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
         own.covariance[m, 2] = max(ss - gain_s * gain_s / spread_Pa2, 1e-10)
 
 
-@njit
+@kernel(cache=False)
 def give_up(own: Any) -> None:
     """Follow what costs far more than the best no longer; with one left there is nothing more to find out."""
     best, left = math.inf, 0
@@ -199,7 +199,7 @@ def give_up(own: Any) -> None:
     own.busy = left > 1
 
 
-@njit
+@kernel(cache=False)
 def likeliest(own: Any, candidates: Candidates, named: int) -> tuple[int, float]:
     """The explanation that costs least, and its evidence against the kind that was named (0: it is that)."""
     best, cost = -1, math.inf
@@ -213,7 +213,7 @@ def likeliest(own: Any, candidates: Candidates, named: int) -> tuple[int, float]
     return best, EVIDENCE * (cost - own.cost[best])
 
 
-@njit
+@part()
 def severity_of(own: Any, candidates: Candidates, m: int, fitted: float) -> float:
     """What an explanation comes to; of a drift, which is followed by what it adds, the severity fitted first."""
     return abs(fitted) if candidates.change[m] == _DRIFT else abs(own.x[m, 1])

@@ -15,7 +15,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
@@ -29,6 +28,7 @@ from softbot.faults import (
     SENSOR_DRIFT_Pa_s,
     SENSOR_OFFSET_Pa,
 )
+from softbot.kernel_compiler import part
 
 FloatArray = NDArray[np.float64]
 
@@ -113,13 +113,13 @@ class _Scratch(NamedTuple):
     """Normal equations of what is fitted, shape (5, 6)."""
 
 
-@njit
+@part()
 def _cost(error_Pa: float, deviation_Pa: float) -> float:
     ratio = error_Pa / deviation_Pa
     return min(0.5 * ratio * ratio, WORST) + math.log(deviation_Pa)
 
 
-@njit
+@part()
 def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
     """The absolute pressure of a chamber's gas after its wall has given way: p (1 + w (p − p_a)) = p before."""
     if pressure <= gas.atmosphere_Pa or widening_1_Pa <= 0.0:
@@ -128,7 +128,7 @@ def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
     return (math.sqrt(linear * linear + 4.0 * widening_1_Pa * pressure) - linear) / (2.0 * widening_1_Pa)
 
 
-@njit
+@part()
 def _growth_m3_Pa(window: Any, chamber: int) -> float:
     """By how much the shape that is believed makes a chamber larger with each pascal that its sensor shows."""
     count = volume = shown = both = square = 0.0
@@ -140,7 +140,7 @@ def _growth_m3_Pa(window: Any, chamber: int) -> float:
     return max(both - volume * shown / max(count, 1.0), 0.0) / spread if spread > 0.0 else 0.0
 
 
-@njit
+@part()
 def _simulate(
     gas: Gas,
     window: Any,
@@ -196,7 +196,7 @@ def _simulate(
         scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
 
 
-@njit
+@part()
 def _healthy_cost(window: Any, chamber: int, now: int, since: int, noise_Pa: float) -> float:
     """Cost of the filter's own predictions, each a step ahead, with the deviations of what is simulated.
 
@@ -211,7 +211,7 @@ def _healthy_cost(window: Any, chamber: int, now: int, since: int, noise_Pa: flo
     return total
 
 
-@njit
+@part()
 def _solve(normal: FloatArray, count: int) -> None:
     """Normal equations in place; the solution stands in the column after the last. They are positive definite."""
     for i in range(count):
@@ -224,7 +224,7 @@ def _solve(normal: FloatArray, count: int) -> None:
         normal[i, count] /= normal[i, i]
 
 
-@njit
+@part()
 def _sensor_cost(
     window: Any,
     chamber: int,
@@ -319,12 +319,12 @@ def _sensor_cost(
     return total, fitted
 
 
-@njit
+@part()
 def _share(window: Any, chamber: int, now: int, since: int) -> float:
     return math.hypot(SYSTEMATIC_SHARE, window.doubt[(now - since) % KEPT, chamber])
 
 
-@njit
+@part()
 def _other_valves(
     gas: Gas, window: Any, chamber: int, now: int, since: int, noise_Pa: float, scratch: _Scratch
 ) -> float:
@@ -335,7 +335,7 @@ def _other_valves(
     return _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)[0]
 
 
-@njit
+@part()
 def _explained(
     gas: Gas,
     window: Any,
@@ -370,7 +370,7 @@ def _explained(
     return cost, severity
 
 
-@njit
+@part()
 def _swapped(
     gas: Gas, window: Any, chamber: int, other: int, now: int, since: int, noise_Pa: float, scratch: _Scratch
 ) -> float:
@@ -385,7 +385,7 @@ def _swapped(
     return cost + theirs - _healthy_cost(window, other, now, since, noise_Pa)
 
 
-@njit
+@part()
 def name_fault(
     gas: Gas,
     window: Any,

@@ -11,18 +11,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.robot_model import RobotModel
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 
 _QUARTER_RAD = 0.5 * math.pi
 
 
-@njit
+@kernel(cache=False)
 def bend_held(model: RobotModel, chamber: int, pressure_Pa: float) -> float:
     """The bend that a chamber gives alone at this pressure, over what rolling asks for; at most the table's largest."""
     sizes = model.pressures_Pa.shape[2]
@@ -37,7 +37,7 @@ def bend_held(model: RobotModel, chamber: int, pressure_Pa: float) -> float:
     return largest
 
 
-@njit
+@kernel(cache=False)
 def beside_held(held: FloatArray, strength: FloatArray) -> None:
     """strength (4,) ← of chambers that reach the same curvatures with nothing held (4,)."""
     for i in range(CHAMBERS):
@@ -47,7 +47,7 @@ def beside_held(held: FloatArray, strength: FloatArray) -> None:
             strength[opposite] = max(strength[opposite] - held[i], 0.0)
 
 
-@njit
+@kernel(cache=False)
 def pinned(held: FloatArray, strength: FloatArray, slack: float) -> bool:
     """Whether the robot cannot be straightened any more, by more than `slack` of the bend that rolling asks for."""
     most = 0.0
@@ -56,7 +56,7 @@ def pinned(held: FloatArray, strength: FloatArray, slack: float) -> bool:
     return most > slack
 
 
-@njit
+@kernel(cache=False)
 def free_bend(held: FloatArray, direction_rad: float, share: float) -> tuple[float, float]:
     """Body direction [rad] and share of the bend that the free chambers have to give for this bend of the robot."""
     x, y = share * math.cos(direction_rad), share * math.sin(direction_rad)

@@ -26,10 +26,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from controllers.commutation import wrapped
 from controllers.estimation import STANDARD_GRAVITY_M_S2
+from softbot.kernel_compiler import kernel, part
 from softbot.sensing import SensorParameters
 
 ROLL, BIAS, GRIP, ACROSS_1, ACROSS_2, LEFT_OUT = range(6)
@@ -166,7 +166,7 @@ def parts_of_inertial(
     )
 
 
-@njit
+@part()
 def _begin(parts: InertialParts, own: Any, up_rad: float) -> None:
     """Anew, from a first reading; a bias that was found stays known."""
     bias = own.x[BIAS] if own.biased else 0.0
@@ -184,7 +184,7 @@ def _begin(parts: InertialParts, own: Any, up_rad: float) -> None:
     own.alarm, own.seen = -1, 0
 
 
-@njit
+@part()
 def _predict(parts: InertialParts, own: Any, spin_rad_s: float, step_s: float) -> None:
     covariance = own.covariance
     own.x[ROLL] += step_s * (spin_rad_s - own.x[BIAS])
@@ -209,7 +209,7 @@ def _predict(parts: InertialParts, own: Any, spin_rad_s: float, step_s: float) -
     covariance[LEFT_OUT, LEFT_OUT] += (1.0 - kept * kept) * error
 
 
-@njit
+@part()
 def _judge_grip(parts: InertialParts, own: Any) -> None:
     """Whether the grip is lost, by what it was before this reading."""
     margin = parts.slipping_sure * math.sqrt(own.covariance[GRIP, GRIP])
@@ -219,7 +219,7 @@ def _judge_grip(parts: InertialParts, own: Any) -> None:
         own.slips, own.slipping = not own.slips, 0
 
 
-@njit
+@part()
 def _correct(parts: InertialParts, own: Any, up_rad: float, size: float, lean: float) -> None:
     """Meet a reading. size: of the specific force, over g; lean: of it for each unit of grip [rad]."""
     x, covariance, row = own.x, own.covariance, own.row
@@ -246,7 +246,7 @@ def _correct(parts: InertialParts, own: Any, up_rad: float, size: float, lean: f
                 covariance[i, j] -= row[i] * row[j] / spread
 
 
-@njit
+@part()
 def _judge(parts: InertialParts, own: Any) -> int:
     """The sequential test: NOTHING, or LEARNT or FOUND where a bias has just been learnt anew."""
     z = min(max(own.innovation, -parts.wild), parts.wild)
@@ -276,7 +276,7 @@ def _judge(parts: InertialParts, own: Any) -> int:
     return LEARNT if own.biased else NOTHING
 
 
-@njit
+@kernel(cache=False)
 def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool, judges: bool) -> int:
     """One reading: NOTHING, FOUND when the gyro is now found biased (`x[BIAS]` says by how much), LEARNT when the
     bias of such a one has just been learnt anew. alive: whether the unit is believed to be. judges: whether the robot

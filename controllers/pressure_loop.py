@@ -30,11 +30,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from softbot.errors import InputError
 from softbot.faults import CHAMBER_COUNT
+from softbot.kernel_compiler import kernel
 from softbot.pneumatics import PneumaticsParameters, valve_mass_flow
 
 INVERSION_HEAD_Pa = 2e3
@@ -223,7 +223,7 @@ def _nominal_volume(parameters: PneumaticsParameters, chamber_volume_m3: ArrayLi
     return volume + np.array(parameters.dead_volume_m3)
 
 
-@njit(cache=True)
+@kernel()
 def _flow_to_invert(
     conductance_m3_s_Pa: float,
     b: float,
@@ -236,7 +236,7 @@ def _flow_to_invert(
     return valve_mass_flow(conductance_m3_s_Pa, b, upstream_absolute, downstream, temperature)
 
 
-@njit(cache=True)
+@kernel()
 def pressure_loop_step(
     reference_Pa: NDArray[np.float64],
     model_Pa: NDArray[np.float64],

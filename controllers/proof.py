@@ -12,9 +12,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel
 
 FILLS = 2
 """Times that a chamber is filled and vented."""
@@ -42,7 +42,7 @@ PROOF = np.dtype(
 has been, since when, and since when it has been where it should be (NaN: it is not)."""
 
 
-@njit
+@kernel(cache=False)
 def begin_proof(proof: Any, chamber: int, t_s: float) -> None:
     """Try a chamber from now on. It is vented first: a chamber that holds its pressure is no sound one."""
     proof.chamber, proof.owed[chamber] = chamber, 0
@@ -50,7 +50,7 @@ def begin_proof(proof: Any, chamber: int, t_s: float) -> None:
     proof.since_s, proof.there_since_s = t_s, math.nan
 
 
-@njit
+@kernel(cache=False)
 def follow_proof(proof: Any, pressure_Pa: float, test_Pa: float, t_s: float, lag_s: float) -> int:
     """One cycle of the proof: UNDER_WAY, PROVED or FAILED. While `filling` the chamber is to be asked for test_Pa."""
     wanted_Pa = test_Pa if proof.filling else 0.0

@@ -20,11 +20,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.commutation import TURN_RAD, side_angle_rad, wrapped
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ whether the C is being reversed, since when and which roll, and along which body
 momentum carries this robot over what pushes it back, learnt from reversals that rolled back."""
 
 
-@njit
+@kernel(cache=False)
 def reach(direction_rad: float, strength: FloatArray) -> float:
     """Curvature that can be had in a body direction, 0 … 1 of what rolling asks for."""
     most = 1.0
@@ -104,7 +104,7 @@ def reach(direction_rad: float, strength: FloatArray) -> float:
     return most
 
 
-@njit
+@part()
 def _consider(
     plan: Any, side: int, forward: int, lead_rad: float, roll_rad: float, strength: FloatArray, most: float
 ) -> float:
@@ -117,7 +117,7 @@ def _consider(
     return most
 
 
-@njit
+@kernel(cache=False)
 def best_on_side(
     plan: Any, side: int, forward: int, largest_rad: float, roll_rad: float, strength: FloatArray
 ) -> float:
@@ -141,7 +141,7 @@ def best_on_side(
     return plan.moment
 
 
-@njit
+@part()
 def _least_lead(plan: Any, side: int, forward: int, first_rad: float, roll_rad: float, strength: FloatArray) -> None:
     """Where no lead that is wanted can be had: the least beyond that can."""
     least = _QUARTER_RAD - _LEVEL_RAD
@@ -152,20 +152,20 @@ def _least_lead(plan: Any, side: int, forward: int, first_rad: float, roll_rad: 
             least = lead
 
 
-@njit
+@part()
 def within_reach(first: float, second: float, strength: FloatArray) -> tuple[float, float]:
     """The curvature (body frame) nearest to this one that can be had."""
     return min(max(first, -strength[0]), strength[2]), min(max(second, -strength[1]), strength[3])
 
 
-@njit
+@part()
 def _through_straight_rad(bent: FloatArray, strength: FloatArray) -> float:
     """Body direction opposite to the curvature as it is, or the nearest that can be had."""
     first, second = within_reach(-bent[0], -bent[1], strength)
     return math.atan2(second, first)
 
 
-@njit
+@part()
 def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray, share: float) -> float:
     """How much a reversal along this line would roll the robot back, before the C has flipped.
 
@@ -179,7 +179,7 @@ def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray
     return -towards * (up - (1.0 - share) * line_up)
 
 
-@njit
+@part()
 def use_of(tuning: RecoveryTuning, strength: FloatArray, turned_rad: float, used: FloatArray) -> None:
     """What is used of each chamber's strength, into used (4,). turned_rad: roll in a lag of the pressures, so fast."""
     fast = abs(turned_rad) > tuning.fastest_use_rad
@@ -188,7 +188,7 @@ def use_of(tuning: RecoveryTuning, strength: FloatArray, turned_rad: float, used
         used[i] = 0.0 if weak and (fast or strength[i] < tuning.least_strength) else strength[i]
 
 
-@njit
+@part()
 def needs_momentum(tuning: RecoveryTuning, strength: FloatArray) -> bool:
     """Whether statics leave gaps in the roll: with more than one chamber that is dead, or as good as dead.
 
@@ -201,7 +201,7 @@ def needs_momentum(tuning: RecoveryTuning, strength: FloatArray) -> bool:
     return dead > 1
 
 
-@njit
+@part()
 def most_moment(plan: Any, forward: int, lead_rad: float, roll_rad: float, strength: FloatArray) -> float:
     """The most moment of both sides at this roll, over the most that this lead gives at all."""
     left = best_on_side(plan, 1, forward, lead_rad, roll_rad, strength)
@@ -209,7 +209,7 @@ def most_moment(plan: Any, forward: int, lead_rad: float, roll_rad: float, stren
     return max(left, right) / (0.5 * math.sin(2.0 * min(lead_rad, _BEST_LEAD_RAD)))
 
 
-@njit
+@part()
 def arch(plan: Any, strength: FloatArray) -> None:
     """Plan the most curvature that can be had, whichever way: it brakes a roll, and from upright falls to one side."""
     strongest = 0
@@ -219,7 +219,7 @@ def arch(plan: Any, strength: FloatArray) -> None:
     plan.share = strength[strongest]
 
 
-@njit
+@part()
 def _rolled_ahead_rad(tuning: RecoveryTuning, momentum: bool, forward: int, turned_rad: float) -> float:
     """The roll to plan for, beyond where the robot is; `turned_rad`: in a lag."""
     if momentum:
@@ -229,7 +229,7 @@ def _rolled_ahead_rad(tuning: RecoveryTuning, momentum: bool, forward: int, turn
     return min(max(ahead, -tuning.farthest_rad), tuning.farthest_rad)
 
 
-@njit
+@kernel(cache=False)
 def plan_roll(
     tuning: RecoveryTuning,
     plan: Any,

@@ -12,11 +12,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from softbot.actuator import ActuatorLaw
 from softbot.cross_section import CHAMBER_ANGLES_RAD, CHAMBERS
+from softbot.kernel_compiler import kernel
 from softbot.pneumatics import valve_mass_flow
 from softbot.robot import Robot
 from softbot.rolling import coulomb_advance_ratio
@@ -155,7 +155,7 @@ def _pressure_table(law: ActuatorLaw, limit_Pa: float, co_contraction_Pa: float,
     return table
 
 
-@njit(cache=True)
+@kernel()
 def pressures_for(model: RobotModel, direction_rad: float, size_1_m: float, out_Pa: FloatArray) -> None:
     """Chamber pressures, shape (4,) [Pa], that bend the robot towards a body direction; beyond the table: its end."""
     table = model.pressures_Pa

@@ -23,9 +23,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel, part
 
 DRY, VISCOUS, INERTIA, GAIN = range(4)
 """Places of the states; the chambers' gains from GAIN on. INERTIA is 100 / A."""
@@ -88,7 +88,16 @@ def balance_memory() -> Any:
     return memory
 
 
-@njit
+@part()
+def _common(values: Any) -> float:
+    """What the chambers' places have in common."""
+    common = 0.0
+    for i in range(CHAMBERS):
+        common += values[GAIN + i] / CHAMBERS
+    return common
+
+
+@kernel(cache=False)
 def pause_balance(own: Any) -> None:
     """Nothing is to be learnt or judged now: what is under way is dropped, what was learnt stays."""
     own.readings = 0
@@ -96,7 +105,7 @@ def pause_balance(own: Any) -> None:
     own.alarm = False
 
 
-@njit
+@kernel(cache=False)
 def observe_balance(own: Any, estimate: Any, curvature_1_m: float, limit_Pa: float, step_s: float) -> int:
     """One reading: NOTHING, HELD or SOFTENED (`soft_chamber`; each once). estimate: record of `controllers.estimation`;
     curvature_1_m: that rolling asks for; limit_Pa: of a chamber's pressure."""
@@ -119,7 +128,7 @@ def observe_balance(own: Any, estimate: Any, curvature_1_m: float, limit_Pa: flo
     own.readings += 1
     if own.readings < READINGS_A_MEAN:
         return NOTHING
-    common = own.mean[GAIN : GAIN + CHAMBERS].mean()
+    common = _common(own.mean)
     for i in range(CHAMBERS):
         own.mean[GAIN + i] -= common  # all gains together are the moment itself: they would explain whatever comes
     own.mean[INERTIA] = (spin - own.first_rad_s) / (100.0 * step_s * (READINGS_A_MEAN - 1))
@@ -127,7 +136,7 @@ def observe_balance(own: Any, estimate: Any, curvature_1_m: float, limit_Pa: flo
     return _weigh(own, own.turned_rad / (step_s * READINGS_A_MEAN))
 
 
-@njit
+@part()
 def _weigh(own: Any, spin_rad_s: float) -> int:
     off, mean, row = own.moment, own.mean, own.row
     for i in range(STATES):
@@ -155,7 +164,7 @@ def _weigh(own: Any, spin_rad_s: float) -> int:
     return _judge(own)
 
 
-@njit
+@part()
 def _hold(own: Any) -> int:
     """It is held; the balance is learnt anew when it rolls again."""
     pause_balance(own)
@@ -167,7 +176,7 @@ def _hold(own: Any) -> int:
     return HELD
 
 
-@njit
+@part()
 def _judge(own: Any) -> int:
     square = own.innovation * own.innovation
     if own.alarm:
@@ -177,7 +186,7 @@ def _judge(own: Any) -> int:
         own.changed = max(0.0, own.changed + min(square / max(own.size, 0.05), _MOST) - _ALLOWANCE)
     if own.changed < _LEARNS_BELOW:
         own.size += (square - own.size) / min(own.seen, _SIZE_MEANS)
-        common = own.x[GAIN : GAIN + CHAMBERS].mean()
+        common = _common(own.x)
         share = max(_TRUSTED_SHARE, 1.0 / own.seen)
         for i in range(CHAMBERS):
             own.trusted[i] += share * (own.x[GAIN + i] - common - own.trusted[i])
@@ -188,10 +197,10 @@ def _judge(own: Any) -> int:
     return NOTHING
 
 
-@njit
+@part()
 def _explain(own: Any) -> int:
     """The gains, learnt anew: which of them has risen over the others."""
-    common = own.x[GAIN : GAIN + CHAMBERS].mean()
+    common = _common(own.x)
     most, next_most, chamber = -1.0, -1.0, -1
     for i in range(CHAMBERS):
         rise = own.x[GAIN + i] - common - own.trusted[i]

@@ -16,7 +16,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from controllers.estimation import take_bias
 from controllers.fault_detection import report, tell
@@ -33,6 +32,7 @@ from controllers.inertial_observer import (
 from controllers.robot_model import RobotModel
 from controllers.roll_balance import HELD, SOFTENED, balance_memory, observe_balance, pause_balance
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, NO_CHAMBER, FaultKind, IMU_BIAS_rad_s
+from softbot.kernel_compiler import part
 from softbot.robot import Robot
 
 _IMU_BIAS = KIND_CODES[FaultKind.IMU_BIAS]
@@ -76,7 +76,7 @@ def roll_memory() -> RollMemory:
     return RollMemory(inertial_memory(), balance_memory(), state)
 
 
-@njit
+@part()
 def _watch_inertial(
     parts: RollParts, memory: RollMemory, detector: Any, estimate: Any, reading: Any, judges: bool
 ) -> None:
@@ -93,7 +93,7 @@ def _watch_inertial(
         take_bias(estimate, own.x[BIAS], own.x[ROLL])
 
 
-@njit
+@part()
 def _watch_grip(memory: RollMemory, detector: Any) -> None:
     own = memory.inertial[0]
     known = detector.named_shared[_FRICTION_LOST] > 0
@@ -103,7 +103,7 @@ def _watch_grip(memory: RollMemory, detector: Any) -> None:
         detector.named_shared[_FRICTION_LOST] = 0  # the floor holds again: what comes after is another one
 
 
-@njit
+@part()
 def _watch_balance(memory: RollMemory, detector: Any, estimate: Any, model: RobotModel, step_s: float) -> None:
     own = memory.balance[0]
     if own.seen > _FREE_MEANS:  # it rolls again: what comes after is another obstacle
@@ -116,7 +116,7 @@ def _watch_balance(memory: RollMemory, detector: Any, estimate: Any, model: Robo
         report(detector, own.soft_chamber, _WALL_SOFTENING, severity, _SURE)
 
 
-@njit
+@part()
 def _sound(detector: Any) -> bool:
     """Whether nothing is known or suspected of the chambers and of the gyro."""
     sound = True
@@ -125,7 +125,7 @@ def _sound(detector: Any) -> bool:
     return sound
 
 
-@njit
+@part()
 def watch_roll(
     parts: RollParts,
     memory: RollMemory,

@@ -18,7 +18,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers import (
@@ -71,6 +70,7 @@ from controllers.sequencer_parts import (
 )
 from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
+from softbot.kernel_compiler import kernel, part
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.sensing import READINGS, Readings
@@ -113,7 +113,7 @@ INTEGRAL = 0.15
 """… and what friction asks for."""
 
 
-@njit(cache=True)
+@kernel()
 def regulated_lead_rad(own: Any, largest_rad: float, measured_rad_s: float, step_s: float) -> float:
     """The lead for this cycle, 0 … the largest [rad]; speeds are positive in the ordered direction.
 
@@ -129,13 +129,13 @@ def regulated_lead_rad(own: Any, largest_rad: float, measured_rad_s: float, step
     return min(max(lead, 0.0), largest_rad)
 
 
-@njit(cache=True)
+@part()
 def _c_bend_side(estimate: Any) -> int:
     direction = math.atan2(estimate.curvature_1_m[1], estimate.curvature_1_m[0])
     return 1 if math.cos(direction + estimate.roll_rad) >= 0.0 else -1
 
 
-@njit
+@part()
 def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad: float, share: float) -> None:
     direction_rad, share = free_bend(own.held, direction_rad, share)
     pressures_for(parts.model, direction_rad, share * parts.model.curvature_1_m, own.setpoint_Pa)
@@ -149,7 +149,7 @@ def _bend_towards(parts: SequencerParts, own: Any, estimate: Any, direction_rad:
             own.setpoint_Pa[i] = 0.0
 
 
-@njit(cache=True)
+@kernel()
 def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
     own = memory.own[0]
     own.state, own.entered_s, own.still_since_s = state, t_s, math.nan
@@ -159,7 +159,7 @@ def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
         own.lead_integral_rad = 0.0
 
 
-@njit(cache=True)
+@part()
 def _dead(own: Any) -> int:
     count = 0
     for i in range(CHAMBERS):
@@ -168,17 +168,17 @@ def _dead(own: Any) -> int:
     return count
 
 
-@njit(cache=True)
+@part()
 def _weakened(own: Any) -> bool:
     return bool(own.strength.min() < 1.0)
 
 
-@njit
+@part()
 def _rolling_state(parts: SequencerParts, own: Any) -> int:
     return _DEGRADED if parts.recovers and _weakened(own) else _ROLLING
 
 
-@njit
+@part()
 def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> None:
     """React to what was found: reverse from now on, or fall back to the safe state."""
     own, detector = memory.own[0], memory.detector.own[0]
@@ -216,20 +216,20 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
             _say(own, answer)
 
 
-@njit(cache=True)
+@part()
 def _say(own: Any, answer: int) -> None:
     if own.answered < MOST_ANSWERS:
         own.answer[own.answered] = answer
         own.answered += 1
 
 
-@njit
+@part()
 def _arrived(parts: SequencerParts, own: Any, estimate: Any) -> bool:
     rolled_rad = -own.turn * (estimate.roll_rad - own.roll_at_order_rad)
     return parts.model.advance_m_rad * rolled_rad >= own.distance_m  # False where either is NaN
 
 
-@njit
+@part()
 def _easier_side(own: Any, estimate: Any) -> int:
     """The side on which the living chambers can bend the robot best as it lies."""
     left = reach(commanded_direction_rad(1, 0.0, estimate.roll_rad), own.used)
@@ -237,7 +237,7 @@ def _easier_side(own: Any, estimate: Any) -> int:
     return 1 if left >= right else -1
 
 
-@njit
+@part()
 def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> None:
     own = memory.own[0]
     own.used[:] = own.strength
@@ -255,7 +255,7 @@ def _prime(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
     _bend_towards(parts, own, estimate, direction, reach(direction, own.used))
 
 
-@njit
+@part()
 def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
     own = memory.own[0]
     share = min(1.0, step_s / _STALL_RATE_TIME_S)
@@ -270,7 +270,7 @@ def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, 
         _enter(memory, _STALLED, t_s)
 
 
-@njit
+@part()
 def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
     own = memory.own[0]
     _watch_stall(parts, memory, estimate, t_s, step_s)
@@ -281,7 +281,7 @@ def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: fl
         _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad), 1.0)
 
 
-@njit
+@part()
 def _makes_no_way(parts: SequencerParts, own: Any, estimate: Any, t_s: float) -> bool:
     """Whether a robot that lives on its momentum has not got a quarter of a turn further for long."""
     rolled_rad = -own.turn * estimate.roll_rad
@@ -290,7 +290,7 @@ def _makes_no_way(parts: SequencerParts, own: Any, estimate: Any, t_s: float) ->
     return t_s - own.farthest_s > parts.tuning.gives_up * parts.model.lag_s
 
 
-@njit
+@part()
 def _rocks(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float) -> bool:
     """Whether the robot is rolled back now, to where its chambers can give it a good push forward."""
     own = memory.own[0]
@@ -311,7 +311,7 @@ def _rocks(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
     return bool(own.rocking)
 
 
-@njit
+@part()
 def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead_rad: float, t_s: float) -> None:
     """Roll as recovery plans it: degraded, and reversing for as long as the C flips."""
     own, plan, wanted = memory.own[0], memory.recovery[0], parts.model.curvature_1_m
@@ -349,7 +349,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
     _bend_towards(parts, own, estimate, plan.direction_rad, plan.share)
 
 
-@njit
+@part()
 def _ask_for_proof(parts: SequencerParts, memory: SequencerMemory) -> None:
     """At rest, before the robot rolls again: which of the chambers that are not used may prove themselves."""
     own, proof = memory.own[0], memory.proof[0]
@@ -359,7 +359,7 @@ def _ask_for_proof(parts: SequencerParts, memory: SequencerMemory) -> None:
         proof.owed[i] = 1 if parts.recovers and own.strength[i] <= 0.0 and not lies else 0
 
 
-@njit
+@part()
 def _proves(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray, t_s: float) -> bool:
     """Whether a chamber is being tried now; one that has proved itself is used again."""
     own, proof = memory.own[0], memory.proof[0]
@@ -380,7 +380,7 @@ def _proves(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatAr
     return True
 
 
-@njit
+@part()
 def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray, t_s: float, step_s: float) -> None:
     own, estimate = memory.own[0], memory.estimator[0]
     for i in range(CHAMBERS):
@@ -408,12 +408,12 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
         _roll(parts, memory, estimate, t_s, step_s)
 
 
-@njit(cache=True)
+@part()
 def _rolls(own: Any) -> bool:
     return bool(own.armed and (own.state == _ROLLING or own.state == _STALLED))
 
 
-@njit(cache=True)
+@part()
 def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None:
     """Ask for a little more pressure where the detector wants to see whether a chamber fills."""
     own, probe = memory.own[0], memory.detector.own[0].probe
@@ -423,8 +423,8 @@ def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None
             own.setpoint_Pa[i] = min(max(reading.pressure_Pa[i], 0.0), most_Pa) + _PROBE_Pa
 
 
-def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, nogil=True)
+def _compile(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel(nogil=True)
     def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
         """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
         own, estimate = memory.own[0], memory.estimator[0]
@@ -439,7 +439,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
         own.wants_armed = own.state != _DISARMED and own.state != _SAFE
-        return len(stamp) > 0
+        return stamp > 0
 
     return cycle
 

@@ -18,10 +18,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers.chamber_gas import Gas
+from softbot.kernel_compiler import kernel, part
 from softbot.pneumatics import flow_and_slopes
 
 FloatArray = NDArray[np.float64]
@@ -67,7 +67,7 @@ SUPPLY = np.dtype(
 logarithm of the likelihood; scratch."""
 
 
-@njit
+@kernel(cache=False)
 def begin_supply(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> None:
     """All filters anew, from a reading (gauge)."""
     own.begun = True
@@ -81,7 +81,7 @@ def begin_supply(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float) -> None
         own.cost[f] = 0.0
 
 
-@njit
+@kernel(cache=False)
 def observe_supply(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float, drawn_kg_s: float, step_s: float) -> None:
     """One step of all filters. drawn_kg_s: what all valves took over the step, by the openings that acted."""
     per_flow = gas.specific_J_kg * step_s / gas.manifold_m3
@@ -126,7 +126,7 @@ def observe_supply(own: Any, gas: Gas, reading_Pa: float, noise_Pa: float, drawn
             covariance[i, i] = max(covariance[i, i], 1e-10)
 
 
-@njit
+@kernel(cache=False)
 def weigh_supply(own: Any) -> tuple[float, float, float]:
     """Evidence for a loss against a sag, severity of the likeliest sag, severity of the likeliest loss."""
     best_sag, best_loss = 0, _SAGS
@@ -145,7 +145,7 @@ def weigh_supply(own: Any) -> tuple[float, float, float]:
     return evidence, 1.0 - own.x[best_sag, 1], 1.0 - own.x[best_loss, 1]
 
 
-@njit
+@part()
 def drawn_kg_s(gas: Gas, chamber: int, inlet: float, opening: float, supply: float, pressure: float) -> float:
     """What a chamber at an absolute pressure takes from a supply at another; inlet: conductance over the nominal."""
     if opening <= 0.0:

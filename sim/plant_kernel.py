@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim import rod_energy, rod_groups, rod_memory, rod_rest
@@ -28,6 +27,7 @@ from softbot.actuator import ActuatorLaw
 from softbot.actuator_equilibrium import solve_strain
 from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE
+from softbot.kernel_compiler import kernel
 from softbot.kernel_entry import Handed, handed
 from softbot.kernel_stamp import kernel_stamp
 from softbot.memory import chain, hysteresis, line, prony, residual
@@ -159,8 +159,8 @@ _STAMP = kernel_stamp(
 )
 
 
-def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, nogil=True)
+def _compile_gas_and_wall(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel(nogil=True)
     def gas_and_wall(
         parts: PlantParts,
         memory: Any,
@@ -212,7 +212,7 @@ def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
                 own.load[a] += load[a, i] * effective_Pa * conditions[LOAD_FACTOR + i]
         if not solve_strain(*section, own.load, own.rest, own.stiffness):
             return NO_SECTION
-        return DONE if len(stamp) > 0 else NO_SECTION
+        return DONE if stamp > 0 else NO_SECTION
 
     return gas_and_wall
 
@@ -220,9 +220,9 @@ def _compile_gas_and_wall(stamp: str):  # type: ignore[no-untyped-def]
 gas_and_wall = _compile_gas_and_wall(_STAMP)
 
 
-def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
+def _compile_rod_period(stamp: int):  # type: ignore[no-untyped-def]
     # another kernel in its closure would never be found again in numba's cache: each has a name of its own
-    @njit(cache=True, nogil=True)
+    @kernel(nogil=True)
     def rod_period(
         play: Any,
         parts: PlantParts,
@@ -255,7 +255,7 @@ def _compile_rod_period(stamp: str):  # type: ignore[no-untyped-def]
                 return ROD_LOST
             own.strain[0] = state.strain[-1] if rod.stretches else 1.0
             own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
-        return DONE if len(stamp) > 0 else ROD_LOST
+        return DONE if stamp > 0 else ROD_LOST
 
     return rod_period
 

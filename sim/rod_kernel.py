@@ -30,7 +30,6 @@ round-off: this turns the floating robot.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.motion_rows import ROW_SIZE
@@ -73,7 +72,7 @@ from sim.rod_rotation import advance_rotation, bend_on, carry_bends, carry_spin,
 from sim.rod_row import note_kink, write_row
 from sim.rod_rule import Rule
 from sim.rod_views import flat, flat_rows
-from softbot.kernel_compiler import KernelCompiler
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -352,8 +351,8 @@ def _follow_drive(drive: FloatArray, t_s: float, h: float, state: State, physics
     return True
 
 
-def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(_nrt=False, cache=True, nogil=True, fastmath=FAST_MATH, pipeline_class=KernelCompiler)
+def _compile(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel(_nrt=False, nogil=True, fastmath=FAST_MATH)
     def play(
         memory: FloatArray,
         places: IntArray,
@@ -371,7 +370,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         it, (0, …). steps = 0 only looks at the rod as it is, or at the instants of `seen` one after another.
         """
         layout, state, rule, contacts, work = carve(memory, places)
-        going = len(stamp) > 0
+        going = stamp > 0
         macro = physics.step_s
         flag = state.flag
         pushed = dot(state.push_N, state.push_N) + dot(state.push_N_m, state.push_N_m) > 0.0

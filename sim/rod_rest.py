@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.rod_compile import source_stamp
 from sim.rod_energy import elastic_energy_J
 from sim.rod_memory import ASLEEP, RESTED, WORK
-from softbot.kernel_compiler import KernelCompiler
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 
 
-def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, pipeline_class=KernelCompiler)
+def _compile(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel()
     def set_rest(
         strain: FloatArray,
         rest_strain: FloatArray,
@@ -34,7 +33,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
         modes. The actuators' work goes into the ledger, and a sleeping robot wakes. False, and neither, where nothing
         changed.
         """
-        before_J, changed = elastic_energy_J(strain, rest_strain, matrix), len(stamp) == 0
+        before_J, changed = elastic_energy_J(strain, rest_strain, matrix), stamp == 0
         # with the stretch relaxed: the bending stiffness where the stretch is no coordinate of its own
         axial = stiffness[0, 0]
         k11 = stiffness[1, 1] - stiffness[1, 0] * stiffness[0, 1] / axial

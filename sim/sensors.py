@@ -11,12 +11,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from sim.body import Motion
 from softbot import plant_conditions
 from softbot.faults import CHAMBER_COUNT
+from softbot.kernel_compiler import kernel
 from softbot.kernel_stamp import kernel_stamp
 from softbot.plant_conditions import GYRO_OFFSET, IMU_DEAD, IMU_STUCK, PlantConditions, pressure_reading
 from softbot.sensing import READINGS, Readings, SensorParameters
@@ -48,8 +48,8 @@ SENSORS = np.dtype(
 """What the sensors of a run are like and remember, as a record for compiled code."""
 
 
-def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, nogil=True)
+def _compile(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel(nogil=True)
     def read_sensors(
         memory: Any,
         t_s: float,
@@ -105,7 +105,7 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
             own.last_accelerometer_m_s2[k] = reading.accelerometer_m_s2[k]
         own.last_t_s = t_s
         reading.t_s = t_s
-        return len(stamp) > 0
+        return stamp > 0
 
     return read_sensors
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sim import motion_rows
 from sim.body import Motion
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 Angle = TypeVar("Angle", float, FloatArray)
@@ -106,7 +107,7 @@ def wrapped(angle_rad: Angle) -> Angle:
 _wrapped = njit(cache=True)(wrapped)
 
 
-@njit(cache=True)
+@kernel()
 def _follow(rows: FloatArray, length_m: float, grounded: bool, memory: FloatArray, out: FloatArray) -> None:
     """`Postures` of `rows` into `out`, shape (6, samples); `memory` carries what unwrapping needs."""
     for n in range(rows.shape[0]):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from softbot.kernel_compiler import kernel, part
 from softbot.material import PARAMETERS, is_within, nominal_stress, tangent_modulus
 
 FloatArray = NDArray[np.float64]
@@ -15,7 +15,7 @@ _NEWTON_STEPS = 60
 _PRE_STRETCH = PARAMETERS  # its place in the kernels' numbers of a wall, after those of the material
 
 
-@njit(cache=True)
+@kernel()
 def wall_forces(
     points: FloatArray,
     code: int,
@@ -51,7 +51,7 @@ def wall_forces(
     return True
 
 
-@njit(cache=True)
+@part()
 def _solve_symmetric(matrix: FloatArray, first: float, second: float, third: float, solution: FloatArray) -> bool:
     """x of a symmetric 3 × 3 system by its adjugate; False where it has none."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
@@ -67,7 +67,7 @@ def _solve_symmetric(matrix: FloatArray, first: float, second: float, third: flo
     return True
 
 
-@njit(cache=True)
+@part()
 def solve_strain(
     points: FloatArray,
     code: int,
@@ -102,7 +102,7 @@ def solve_strain(
     return size < 1e-9
 
 
-@njit(cache=True)
+@kernel()
 def equilibrium_under(
     points: FloatArray,
     code: int,
@@ -130,7 +130,7 @@ def equilibrium_under(
     return True
 
 
-@njit(cache=True)
+@kernel()
 def equilibria_under(
     points: FloatArray,
     code: int,

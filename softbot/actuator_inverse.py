@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from softbot.actuator_equilibrium import equilibrium_under, solve_strain, wall_forces
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -16,7 +16,7 @@ _STRAIGHT_1_M = 1e-6
 _LOOKED_AT = 8  # stretches between the shortest tube and the longest
 
 
-@njit(cache=True)
+@part()
 def _least_pressures(arms: FloatArray, wanted: FloatArray, room_Pa: FloatArray, pressure: FloatArray) -> None:
     """Non-negative pressures with Σ arms_i p_i nearest to `wanted` (shape (2,)), of least sum among the exact ones.
 
@@ -61,7 +61,7 @@ def _least_pressures(arms: FloatArray, wanted: FloatArray, room_Pa: FloatArray, 
         pressure[i] *= share
 
 
-@njit(cache=True)
+@part()
 def _invert(
     points: FloatArray,
     code: int,
@@ -97,7 +97,7 @@ def _invert(
             break
 
 
-@njit(cache=True)
+@part()
 def _longest_pressures(
     load: FloatArray, moment_N_m: FloatArray, axial_N: float, room_Pa: FloatArray, extra: FloatArray
 ) -> int:
@@ -156,7 +156,7 @@ def _longest_pressures(
     return 1 if axial_N > high_N + slip else 0
 
 
-@njit(cache=True)
+@part()
 def _holds(
     points: FloatArray,
     code: int,
@@ -180,7 +180,7 @@ def _holds(
     return _longest_pressures(load, force[1:], force[0], room_Pa, extra)
 
 
-@njit(cache=True)
+@part()
 def _shortest_of_curvature(
     points: FloatArray,
     code: int,
@@ -221,7 +221,7 @@ def _shortest_of_curvature(
     return holds
 
 
-@njit(cache=True)
+@part()
 def _invert_longer(
     points: FloatArray,
     code: int,
@@ -266,7 +266,7 @@ def _invert_longer(
     return gained
 
 
-@njit(cache=True)
+@part()
 def _invert_stretched(
     points: FloatArray,
     code: int,
@@ -301,7 +301,7 @@ def _invert_stretched(
         trial[0] = 0.5 * (shortest + longest)
 
 
-@njit(cache=True)
+@part()
 def _loaded(
     load: FloatArray,
     dead_band_Pa: float,
@@ -318,7 +318,7 @@ def _loaded(
             pressure_Pa[i] = max(least_Pa[i], min(least_load_Pa[i] + extra[i] + dead_band_Pa, most_Pa[i]))
 
 
-@njit(cache=True)
+@kernel()
 def pressures_for(
     points: FloatArray,
     code: int,

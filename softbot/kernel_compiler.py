@@ -9,12 +9,18 @@ Of numba this uses what `njit(pipeline_class=…)` is made for, and the names of
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+from collections.abc import Iterable
 from typing import Any
 
+from numba import njit
+from numba.core import itanium_mangler, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.typed_passes import NopythonTypeInference, PreLowerStripPhis
+from numba.core.types.misc import unliteral
 from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
 
 
@@ -37,6 +43,8 @@ class _Remembering:
             return answer
 
     def resolve_function_type(self, function: Any, arguments: Any, keywords: Any) -> Any:
+        if isinstance(function, types.Dispatcher):  # not one more of it for each constant that it is called with
+            arguments = [unliteral(one) for one in arguments]
         return self._once(
             lambda: self._context.resolve_function_type(function, arguments, keywords),
             function, tuple(arguments), tuple(dict(keywords).items()),
@@ -62,22 +70,25 @@ class _TypeInference(NopythonTypeInference):
             state.typingctx = context
 
 
-class KernelCompiler(CompilerBase):
-    """For kernels that Python calls: plain loops over arrays and records."""
+def _symbol(name: str, arguments: Iterable[Any], *, abi_tags: tuple[str, ...] = (), uid: Any = None) -> str:
+    """A function's name in the machine code: with a digest of its arguments' types, which have pages of names."""
+    digest = hashlib.sha256("; ".join(map(str, arguments)).encode()).hexdigest()[:16]
+    return str(itanium_mangler.mangle(name, (), abi_tags=(*abi_tags, digest), uid=uid))
 
-    def define_pipelines(self) -> list[Any]:
-        """One pipeline."""
-        passes = PassManager("kernel")
-        passes.add_pass(TranslateByteCode, "analyzing bytecode")
-        passes.add_pass(FixupArgs, "fix up args")
-        passes.add_pass(IRProcessing, "processing IR")
-        passes.add_pass(GenericRewrites, "constant indices")
-        passes.add_pass(ReconstructSSA, "ssa")
-        passes.add_pass(_TypeInference, "type inference")
-        passes.add_pass(PreLowerStripPhis, "remove phis nodes")
-        passes.passes.extend(DefaultPassBuilder.define_nopython_lowering_pipeline(self.state).passes)
-        passes.finalize()
-        return [passes]
+
+# what is called instead of a part that is called from Python: a TypeError
+_REFUSAL = int(ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value or 0)
+
+
+class _KernelLibrary(JITCodeLibrary):
+    """Code whose functions are simplified by one pass manager, where numba makes one for each that is only named."""
+
+    def _optimize_functions(self, module: Any) -> None:
+        module.data_layout = self._codegen._data_layout
+        passes, builder = self._codegen._function_pass_manager()
+        for function in module.functions:
+            if not function.is_declaration:
+                passes.run(function, builder)
 
 
 class _NotLoaded:
@@ -87,7 +98,7 @@ class _NotLoaded:
         """Nothing to set."""
 
 
-class _PartLibrary(JITCodeLibrary):
+class _PartLibrary(_KernelLibrary):
     """Code that is linked into that of its callers and nothing else."""
 
     @property
@@ -96,7 +107,7 @@ class _PartLibrary(JITCodeLibrary):
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
-        return 0
+        return _REFUSAL
 
     def _optimize_final_module(self) -> None:
         """Together with what it calls it is optimised where it is called."""
@@ -106,14 +117,44 @@ class _PartLibrary(JITCodeLibrary):
         self._finalized = True
 
 
+class KernelCompiler(CompilerBase):
+    """For kernels that Python calls: plain loops over arrays and records."""
+
+    library: type[JITCodeLibrary] = _KernelLibrary
+
+    def define_pipelines(self) -> list[Any]:
+        """One pipeline."""
+        state = self.state
+        state.targetctx.mangler = _symbol
+        state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        passes = PassManager("kernel")
+        passes.add_pass(TranslateByteCode, "analyzing bytecode")
+        passes.add_pass(FixupArgs, "fix up args")
+        passes.add_pass(IRProcessing, "processing IR")
+        passes.add_pass(GenericRewrites, "constant indices")
+        passes.add_pass(ReconstructSSA, "ssa")
+        passes.add_pass(_TypeInference, "type inference")
+        passes.add_pass(PreLowerStripPhis, "remove phis nodes")
+        passes.passes.extend(DefaultPassBuilder.define_nopython_lowering_pipeline(state).passes)
+        passes.finalize()
+        return [passes]
+
+
 class PartCompiler(KernelCompiler):
     """For what is only called by other kernels, which take it into their own code.
 
     numba would also make it ready to be run by itself: optimised, and turned into machine code with all that it calls.
     """
 
-    def define_pipelines(self) -> list[Any]:
-        """One pipeline."""
-        state = self.state
-        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        return super().define_pipelines()
+    library = _PartLibrary
+
+
+def part(**options: Any) -> Any:
+    """`njit` for functions that only other kernels call."""
+    return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler, **options)
+
+
+def kernel(*, cache: bool = True, **options: Any) -> Any:
+    """`njit` for functions that Python calls."""
+    return njit(cache=cache, pipeline_class=KernelCompiler, **options)

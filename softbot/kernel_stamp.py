@@ -11,11 +11,13 @@ import hashlib
 from pathlib import Path
 from types import ModuleType
 
+_COMPILER = Path(__file__).with_name("kernel_compiler.py")
 
-def kernel_stamp(*sources: ModuleType | str | Path) -> str:
-    """Digest of the source files of modules, or of files."""
+
+def kernel_stamp(*sources: ModuleType | str | Path) -> int:
+    """Digest of the source files of modules, or of files, and of the compiler's own, as a positive number."""
     digest = hashlib.sha256()
-    for source in sources:
+    for source in (_COMPILER, *sources):
         path = Path(str(source.__file__)) if isinstance(source, ModuleType) else Path(source)
         digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return (int.from_bytes(digest.digest()[:8], "big") >> 2) + 1

@@ -28,10 +28,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel
 
 MaterialName = Literal["linear", "neo-hookean", "mooney-rivlin", "yeoh", "gent"]
 FloatArray = NDArray[np.float64]
@@ -128,7 +128,7 @@ def material_parameters(material: str, values: Mapping[str, float]) -> FloatArra
     return found
 
 
-@njit(cache=True)
+@kernel()
 def is_within(code: int, parameters: FloatArray, stretch: float) -> bool:
     """Whether the law is defined at the axial stretch: of Gent's only below its limit, of the others where λ > 0."""
     if not stretch > 0.0:
@@ -138,7 +138,7 @@ def is_within(code: int, parameters: FloatArray, stretch: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@kernel()
 def energy_density(code: int, parameters: FloatArray, stretch: float) -> float:
     """w(λ) [J/m³] at the axial stretch λ > 0, zero at λ = 1."""
     if code == LINEAR:
@@ -151,7 +151,7 @@ def energy_density(code: int, parameters: FloatArray, stretch: float) -> float:
     return 0.5 * parameters[0] * invariant
 
 
-@njit(cache=True)
+@kernel()
 def nominal_stress(code: int, parameters: FloatArray, stretch: float) -> float:
     """First derivative w'(λ): axial force per reference area [Pa] at the axial stretch λ > 0."""
     if code == LINEAR:
@@ -167,7 +167,7 @@ def nominal_stress(code: int, parameters: FloatArray, stretch: float) -> float:
     return half * parameters[1] / (parameters[1] - invariant) * slope
 
 
-@njit(cache=True)
+@kernel()
 def tangent_modulus(code: int, parameters: FloatArray, stretch: float) -> float:
     """Second derivative w''(λ) [Pa] at the axial stretch λ > 0."""
     if code == LINEAR:

@@ -12,7 +12,6 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from softbot.faults import (
@@ -46,6 +45,7 @@ from softbot.faults import (
     SENSOR_OFFSET_Pa,
     WIDENING_1_Pa,
 )
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def faults_array(faults: Sequence[Fault]) -> FloatArray:
     return rows
 
 
-@njit(cache=True)
+@part()
 def _present(fault: FloatArray, t_s: float) -> float:
     """Share of a fault's severity that is there at a time, 0 … 1."""
     since_s = t_s - fault[_T]
@@ -126,7 +126,7 @@ def _present(fault: FloatArray, t_s: float) -> float:
     return min(1.0, since_s / fault[_RAMP]) if fault[_RAMP] > 0.0 else 1.0
 
 
-@njit(cache=True)
+@kernel()
 def conditions_at(t_s: float, faults: FloatArray, out: FloatArray) -> None:
     """Write what the plant is like at `t_s` [s] into `out`, float64[PLANT_CONDITIONS_SIZE]; faults (n, 7)."""
     for i in range(CHAMBER_COUNT):
@@ -202,7 +202,7 @@ def conditions_at(t_s: float, faults: FloatArray, out: FloatArray) -> None:
             out[KERB_SHARE] = s
 
 
-@njit(cache=True)
+@kernel()
 def pressure_reading(
     i: int, true_Pa: FloatArray, error_Pa: float, draw: float, noise_Pa: float, last_Pa: float, conditions: FloatArray
 ) -> float:

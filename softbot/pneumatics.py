@@ -31,7 +31,6 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from softbot.errors import InputError, SimulationError
@@ -48,6 +47,7 @@ from softbot.faults import (
     PneumaticConditions,
     WIDENING_1_Pa,
 )
+from softbot.kernel_compiler import kernel, part
 
 GAS_CONSTANT_AIR_J_kg_K = 287.05
 REFERENCE_DENSITY_kg_m3 = 1.185  # ISO 6358-1: air at 100 kPa, 293.15 K, 65 % relative humidity
@@ -168,7 +168,7 @@ class PneumaticsParameters:
         )
 
 
-@njit(cache=True)
+@kernel()
 def flow_and_slopes(
     coefficient: float, critical_ratio: float, first_absolute_Pa: float, second_absolute_Pa: float
 ) -> tuple[float, float, float]:
@@ -201,13 +201,13 @@ def flow_and_slopes(
     return -flow, -slope_down, -slope_up
 
 
-@njit(cache=True)
+@kernel()
 def flow_coefficient(conductance_m3_s_Pa: float, temperature_K: float) -> float:
     """Mass flow per upstream absolute pressure through a choked valve [kg/(s Pa)], ISO 6358."""
     return conductance_m3_s_Pa * REFERENCE_DENSITY_kg_m3 * math.sqrt(REFERENCE_TEMPERATURE_K / temperature_K)
 
 
-@njit(cache=True)
+@kernel()
 def valve_mass_flow(
     conductance_m3_s_Pa: float,
     critical_ratio: float,
@@ -234,7 +234,7 @@ def valve_mass_flow(
     )[0]
 
 
-@njit(cache=True)
+@part()
 def _held_gas(capacity: float, widening: float, p: float, atmosphere: float) -> tuple[float, float]:
     """Gas that a chamber holds at an absolute pressure [kg], and its slope with it. See `_solve_chamber`."""
     over = p - atmosphere
@@ -243,7 +243,7 @@ def _held_gas(capacity: float, widening: float, p: float, atmosphere: float) -> 
     return capacity * p, capacity
 
 
-@njit(cache=True)
+@part()
 def _trapped_pressure(held: float, capacity: float, widening: float, atmosphere: float) -> float:
     """The absolute pressure at which a chamber holds so much gas: `_held_gas` inverted."""
     p = held / capacity
@@ -255,7 +255,7 @@ def _trapped_pressure(held: float, capacity: float, widening: float, atmosphere:
     return p
 
 
-@njit(cache=True)
+@kernel()
 def _solve_chamber(
     trapped: float,
     capacity: float,
@@ -310,7 +310,7 @@ def _solve_chamber(
     return p, flow_in, slope, status
 
 
-@njit(cache=True)
+@kernel()
 def step_in_place(
     state: NDArray[np.float64],
     pressure_Pa: NDArray[np.float64],

@@ -13,11 +13,11 @@ from typing import ClassVar
 
 import numpy as np
 import pydantic
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel
 from softbot.memory.hysteresis import MOST_PLAYS, Hysteresis, hysteresis_inverse, hysteresis_step
 from softbot.memory.line import Line, line_step
 from softbot.memory.prony import MOST_TERMS, PronySeries, creep_inverse, creep_step
@@ -172,13 +172,13 @@ def _duration(dt_s: float) -> float:
     return float(dt_s)
 
 
-@njit(cache=True)
+@kernel()
 def new_state(numbers: FloatArray) -> FloatArray:
     """State of chambers that never held pressure, shape (4, size)."""
     return np.zeros((CHAMBERS, _CREEP_STATE + 1 + int(numbers[_CREEP]) + int(numbers[_PLAYS])))
 
 
-@njit(cache=True)
+@kernel()
 def _settle(numbers: FloatArray, state: FloatArray, pressure_Pa: FloatArray) -> None:
     plays, terms = int(numbers[_PLAYS]), int(numbers[_CREEP])
     threshold, weight = numbers[_LISTS : _LISTS + plays], numbers[_LISTS + plays : _LISTS + 2 * plays]
@@ -192,7 +192,7 @@ def _settle(numbers: FloatArray, state: FloatArray, pressure_Pa: FloatArray) -> 
         state[i, _RESIDUE] = numbers[_RESIDUAL_SHARE] * felt
 
 
-@njit(cache=True)
+@kernel()
 def advance(numbers: FloatArray, state: FloatArray, pressure_Pa: FloatArray, dt_s: float, felt_Pa: FloatArray) -> None:
     """One step of four chambers over plain arrays, in place: the kernel behind `Memory.step`; checks nothing.
 
@@ -237,7 +237,7 @@ def advance(numbers: FloatArray, state: FloatArray, pressure_Pa: FloatArray, dt_
         felt_Pa[i] = felt
 
 
-@njit(cache=True)
+@kernel()
 def _run(
     numbers: FloatArray, state: FloatArray, pressure_Pa: FloatArray, step_s: FloatArray, felt_Pa: FloatArray
 ) -> None:
@@ -245,7 +245,7 @@ def _run(
         advance(numbers, state, pressure_Pa[n], step_s[n], felt_Pa[n])
 
 
-@njit(cache=True)
+@kernel()
 def undo(numbers: FloatArray, state: FloatArray, felt_Pa: FloatArray, dt_s: float, pressure_Pa: FloatArray) -> None:
     """The kernel behind `Memory.inverse`: pressures (4,), written, with which a step makes `felt_Pa` (4,) felt."""
     plays, terms = int(numbers[_PLAYS]), int(numbers[_CREEP])

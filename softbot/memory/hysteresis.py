@@ -25,10 +25,10 @@ from typing import ClassVar
 
 import numpy as np
 import pydantic
-from numba import njit
 from numpy.typing import NDArray
 
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -75,12 +75,12 @@ class Hysteresis:
             raise InputError(f"memory.hysteresis.unloading_share = {self.unloading_share!r}: give 0 to 1")
 
 
-@njit(cache=True)
+@part()
 def _upper(v: float, offset: float, slope: float) -> float:
     return (slope * v if v > 0.0 else v) + offset
 
 
-@njit(cache=True)
+@part()
 def _value(threshold: FloatArray, weight: FloatArray, slope: float, share: float, play: FloatArray, v: float) -> float:
     """y at v with the plays where they stand; they are not moved."""
     loose, felt = 1.0, 0.0
@@ -91,7 +91,7 @@ def _value(threshold: FloatArray, weight: FloatArray, slope: float, share: float
     return felt + loose * v
 
 
-@njit(cache=True)
+@kernel()
 def hysteresis_step(
     threshold: FloatArray, weight: FloatArray, slope: float, share: float, play: FloatArray, pressure_Pa: float
 ) -> float:
@@ -105,7 +105,7 @@ def hysteresis_step(
     return felt + loose * pressure_Pa
 
 
-@njit(cache=True)
+@kernel()
 def hysteresis_inverse(
     threshold: FloatArray, weight: FloatArray, slope: float, share: float, play: FloatArray, felt_Pa: float
 ) -> float:

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import pydantic
-from numba import njit
 
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel
 from softbot.pneumatics import REFERENCE_TEMPERATURE_K, GAS_CONSTANT_AIR_J_kg_K, flow_and_slopes, flow_coefficient
 
 _MAX_ITERATIONS = 100
@@ -63,7 +63,7 @@ class Line:
         return filling, venting
 
 
-@njit(cache=True)
+@kernel()
 def line_step(
     filling_1_s: float,
     venting_1_s: float,

@@ -26,10 +26,10 @@ from typing import ClassVar
 
 import numpy as np
 import pydantic
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class PronySeries:
         return rest, drive**2 / eigenvalue, 1.0 / eigenvalue
 
 
-@njit(cache=True)
+@part()
 def decay_and_mean(step_over_time: float) -> tuple[float, float]:
     """e^{−x} and (1 − e^{−x})/x at x = step/time ≥ 0: the weights of an exponential step over a linear run."""
     if step_over_time < 1e-8:
@@ -95,7 +95,7 @@ def decay_and_mean(step_over_time: float) -> tuple[float, float]:
     return 1.0 - gone, gone / step_over_time
 
 
-@njit(cache=True)
+@kernel()
 def creep_step(
     instant: float, share: FloatArray, time_s: FloatArray, state: FloatArray, pressure_Pa: float, dt_s: float
 ) -> float:
@@ -113,7 +113,7 @@ def creep_step(
     return felt
 
 
-@njit(cache=True)
+@kernel()
 def creep_inverse(
     instant: float, share: FloatArray, time_s: FloatArray, state: FloatArray, felt_Pa: float, dt_s: float
 ) -> float:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import pydantic
-from numba import njit
 
 from softbot.errors import InputError
+from softbot.kernel_compiler import kernel
 from softbot.memory.prony import TIME_BOUNDS_S
 
 SHARE_BOUND = 0.9
@@ -45,7 +45,7 @@ class Residual:
                 raise InputError(f"memory.residual.{name} = {getattr(self, name)!r}: give {low:g} to {high:g} s")
 
 
-@njit(cache=True)
+@kernel()
 def residual_step(
     share: float, growth_s: float, recovery_s: float, residue_Pa: float, felt_Pa: float, dt_s: float
 ) -> float:
@@ -55,7 +55,7 @@ def residual_step(
     return target + decay * (residue_Pa - target)
 
 
-@njit(cache=True)
+@kernel()
 def residual_inverse(
     share: float, growth_s: float, recovery_s: float, residue_Pa: float, wanted_Pa: float, dt_s: float
 ) -> float:

@@ -16,7 +16,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controllers import pressure_loop as pressure_loop_module
@@ -39,6 +38,7 @@ from sim.sensors import DRAWS, read_sensors
 from sim.twins import make_twin, steps_per_period, world_of
 from softbot.errors import InputError, SimulationError
 from softbot.faults import CHAMBER_COUNT, KINDS
+from softbot.kernel_compiler import kernel, part
 from softbot.kernel_entry import entry, handed
 from softbot.kernel_stamp import kernel_stamp
 from softbot.nodes import ideal_bus
@@ -112,8 +112,8 @@ _ROLL = TRACE.index("roll_rad")
 _FIRST_PRESSURE, _FIRST_SETPOINT = TRACE.index("pressure_0_Pa"), TRACE.index("setpoint_0_Pa")
 
 
-def _compile(stamp: str):  # type: ignore[no-untyped-def]
-    @njit(cache=True, nogil=True)
+def _compile(stamp: int):  # type: ignore[no-untyped-def]
+    @kernel(nogil=True)
     def cycles(
         play: Any,
         rod_period: Any,
@@ -229,12 +229,12 @@ def _compile(stamp: str):  # type: ignore[no-untyped-def]
                 row[_FIRST_SETPOINT + i] = board.setpoint_Pa[i] if obeys else 0.0
             if traces.rows.shape[0] > 0:
                 play(rod.memory, rod.places, physics, hold, 1, 0, traces.rows[n : n + 1], no_rows)
-        return DONE if len(stamp) > 0 else 0
+        return DONE if stamp > 0 else 0
 
     return cycles
 
 
-@njit(cache=True)
+@part()
 def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
     own, detector = memory.own[0], memory.detector.own[0]
     for e in range(detector.found):

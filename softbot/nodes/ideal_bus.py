@@ -12,7 +12,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from firmware_protocol.board import BoardLimits
@@ -21,6 +20,7 @@ from firmware_protocol.messages import PASCAL_PER_KILOPASCAL
 from firmware_protocol.spec import message_spec
 from sim.scene import CONTROL_PERIOD_S
 from softbot.faults import CHAMBER_COUNT
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def bus_memory() -> Any:
     return memory
 
 
-@njit(cache=True)
+@kernel()
 def told(value: float, rounding: tuple[float, float, float, float]) -> float:
     """A number as it arrives over the bus [the signal's unit]."""
     scale, offset, lowest, highest = rounding
@@ -122,13 +122,13 @@ def told(value: float, rounding: tuple[float, float, float, float]) -> float:
     return min(max(raw, lowest), highest) * scale + offset
 
 
-@njit(cache=True)
+@kernel()
 def told_Pa(pressure_Pa: float, rounding: tuple[float, float, float, float]) -> float:
     """A pressure as it arrives over the bus [Pa]."""
     return told(pressure_Pa / PASCAL_PER_KILOPASCAL, rounding) * PASCAL_PER_KILOPASCAL
 
 
-@njit(cache=True)
+@part()
 def tell_readings(rules: BusRules, reading: Any, acted_opening: FloatArray, out: Any) -> None:
     """What the sequencer hears of a reading. acted_opening: told one cycle ago, so that it acted until now."""
     out.t_s = reading.t_s
@@ -141,7 +141,7 @@ def tell_readings(rules: BusRules, reading: Any, acted_opening: FloatArray, out:
         out.accelerometer_m_s2[k] = told(reading.accelerometer_m_s2[k], rules.accelerometer)
 
 
-@njit(cache=True)
+@part()
 def _enter(own: Any, mode: int) -> None:
     if own.mode != mode:
         own.mode, own.control = mode, _DISARM
@@ -149,7 +149,7 @@ def _enter(own: Any, mode: int) -> None:
             own.setpoint_Pa[i] = 0.0
 
 
-@njit(cache=True)
+@part()
 def board_cycle(rules: BusRules, memory: Any, measured_Pa: FloatArray) -> bool:
     """The board's part of a cycle, after what was sent to it; whether its valves obey the setpoints (and not vent)."""
     own = memory[0]
@@ -180,7 +180,7 @@ def board_cycle(rules: BusRules, memory: Any, measured_Pa: FloatArray) -> bool:
     return own.mode == _ARMED_MODE and own.control == _RUN
 
 
-@njit(cache=True)
+@part()
 def _follow(own: Any) -> None:
     mode, link = own.mode, own.link
     own.heard_mode = mode
@@ -195,7 +195,7 @@ def _follow(own: Any) -> None:
         own.link = FAILED
 
 
-@njit(cache=True)
+@part()
 def hear_board(rules: BusRules, memory: Any, cycle: int) -> bool:
     """The sequencer's end hears what the board says in this cycle; whether the link is armed."""
     own = memory[0]
@@ -204,7 +204,7 @@ def hear_board(rules: BusRules, memory: Any, cycle: int) -> bool:
     return own.link == ARMED
 
 
-@njit(cache=True)
+@part()
 def answer_board(
     rules: BusRules, memory: Any, cycle: int, t_s: float, wants_armed: bool, setpoint_Pa: FloatArray, state: int
 ) -> None:
