@@ -19,7 +19,7 @@ Judgement is held while readings are late or missing: over an interval that is n
 trusted the less, and after one in which a sampling was lost a filter takes the reading for the pressure, keeps what it
 has learnt of the valves, and judges nothing for a few cycles.
 
-Left out: wall, floor and load (softening, friction, payload), which the pressures do not show.
+Left out: gyro's bias, wall, floor and load, which the pressures do not show: `controllers.roll_observer`.
 """
 
 from __future__ import annotations

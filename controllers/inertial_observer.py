@@ -42,9 +42,10 @@ _LEAST_NOISE_RAD = 0.004
 _DRIFT_RAD = 3e-4  # what the roll is off by more in a reading, beside the gyro's noise: pitch and yaw, scale
 _LEFT_OUT_TIME_S, _LEFT_OUT_RAD, _LEFT_OUT_SHARE = 0.1, 0.004, 0.2  # of m; its deviation always, and over the lean's
 _JERKS_TIME_S = 1.0
-_GRIP_KNOWN, _GRIP_CHANGES = 0.1, 0.1  # deviation of γ at first, and of its change in a second
-_TELLS = 4.0  # deviations of a lean's noise, from which on it tells of the grip
+_GRIP_KNOWN, _GRIP_CHANGES, _GRIP_MOST = 0.1, 0.1, 0.3  # deviation of γ at first, of its change in a second, at most
+_TELLS = 6.0  # deviations of a lean's noise, from which on it tells of the grip
 _JUMP_RAD_S = 0.5  # what a bias that is learnt anew may be: its deviation
+_DRIFTS_RAD_S = 2e-4  # change in a second of a healthy gyro's bias: its deviation
 _BROKEN_RAD_S = 0.02  # change in a second of a bias that was found, and may be anything: its deviation
 _SHOCK = 0.1  # share of g by which a specific force may be off, before its direction counts for less
 _UNSEEN_S = 0.25  # for about which a bias has led the roll astray before the alarm
@@ -195,9 +196,10 @@ def _predict(parts: InertialParts, own: Any, spin_rad_s: float, step_s: float) -
     lost = step_s > _LONGEST_STEP * parts.period_s
     unknown = abs(spin_rad_s - own.last_rad_s) * step_s if lost else parts.gyro_noise_rad_s * step_s
     covariance[ROLL, ROLL] = square + unknown * unknown + _DRIFT_RAD * _DRIFT_RAD * step_s / parts.period_s
-    if own.biased or own.alarm >= 0:
-        covariance[BIAS, BIAS] += _BROKEN_RAD_S * _BROKEN_RAD_S * step_s
-    covariance[GRIP, GRIP] = min(covariance[GRIP, GRIP] + _GRIP_CHANGES * _GRIP_CHANGES * step_s, _GRIP_KNOWN)
+    changes = _BROKEN_RAD_S if own.biased or own.alarm >= 0 else _DRIFTS_RAD_S
+    covariance[BIAS, BIAS] += changes * changes * step_s
+    if covariance[GRIP, GRIP] < _GRIP_MOST * _GRIP_MOST:
+        covariance[GRIP, GRIP] += _GRIP_CHANGES * _GRIP_CHANGES * step_s
     kept = math.exp(-step_s / _LEFT_OUT_TIME_S)
     own.x[LEFT_OUT] *= kept
     for j in range(STATES):
@@ -233,14 +235,15 @@ def _correct(parts: InertialParts, own: Any, up_rad: float, size: float, lean: f
     if abs(own.innovation) > parts.wild:  # a knock: it teaches little
         spread *= (own.innovation / parts.wild) ** 2
     noise = math.sqrt(2.0) * parts.gyro_noise_rad_s * parts.radius_m / (parts.period_s * STANDARD_GRAVITY_M_S2)
-    if abs(lean) < _TELLS * noise:
-        row[GRIP] = 0.0
-    else:
+    tells = abs(lean) >= _TELLS * noise  # else the grip is taken into account and not learnt (Schmidt)
+    if tells:
         _judge_grip(parts, own)
     for i in range(STATES):
-        x[i] += row[i] / spread * off
+        if i != GRIP or tells:
+            x[i] += row[i] / spread * off
         for j in range(STATES):
-            covariance[i, j] -= row[i] * row[j] / spread
+            if i != GRIP or j != GRIP or tells:
+                covariance[i, j] -= row[i] * row[j] / spread
 
 
 @part()
@@ -298,6 +301,10 @@ def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool, 
     if size <= _WEIGHTLESS:
         return NOTHING
     _correct(parts, own, up_rad, size, lean)
+    for i in range(STATES):
+        if not own.covariance[i, i] > 0.0:  # lost to rounding, or to readings that no robot gives
+            _begin(parts, own, up_rad)
+            return NOTHING
     if judges and own.seen > parts.settle:
         return _judge(parts, own)
     own.rising = own.falling = 0.0

@@ -39,6 +39,7 @@ _SLOW_RAD_S = 0.3  # below it dry friction has no side, and the robot stands
 _FIRST = np.array([0.05, 0.01, 0.2, 0.0, 0.0, 0.0, 0.0])
 _KNOWN = np.array([0.05, 0.01, 0.2, 0.15, 0.15, 0.15, 0.15])
 _CHANGES = 0.02  # of what was known at first, in a mean
+_UNKNOWN = 4.0  # variance over that at first, which it does not grow beyond
 _NOISE = 0.02  # of a moment: what the balance leaves out
 _SIZE_MEANS = 200.0  # over which the innovations' size is known
 _ALLOWANCE, _MOST, _LEARNS_BELOW, _CHANGED_AT = 2.5, 9.0, 6.0, 40.0  # of the squares
@@ -87,6 +88,15 @@ def balance_memory() -> Any:
     return memory
 
 
+@part()
+def _common(values: Any) -> float:
+    """What the chambers' places have in common."""
+    common = 0.0
+    for i in range(CHAMBERS):
+        common += values[GAIN + i] / CHAMBERS
+    return common
+
+
 @kernel(cache=False)
 def pause_balance(own: Any) -> None:
     """Nothing is to be learnt or judged now: what is under way is dropped, what was learnt stays."""
@@ -118,7 +128,7 @@ def observe_balance(own: Any, estimate: Any, curvature_1_m: float, limit_Pa: flo
     own.readings += 1
     if own.readings < READINGS_A_MEAN:
         return NOTHING
-    common = own.mean[GAIN : GAIN + CHAMBERS].mean()
+    common = _common(own.mean)
     for i in range(CHAMBERS):
         own.mean[GAIN + i] -= common  # all gains together are the moment itself: they would explain whatever comes
     own.mean[INERTIA] = (spin - own.first_rad_s) / (100.0 * step_s * (READINGS_A_MEAN - 1))
@@ -139,7 +149,8 @@ def _weigh(own: Any, spin_rad_s: float) -> int:
     own.seen += 1
     spread = _NOISE * _NOISE
     for i in range(STATES):
-        own.covariance[i, i] += (_CHANGES * _KNOWN[i]) ** 2
+        if own.covariance[i, i] < _UNKNOWN * _KNOWN[i] ** 2:
+            own.covariance[i, i] += (_CHANGES * _KNOWN[i]) ** 2
         row[i] = 0.0
     for i in range(STATES):
         for j in range(STATES):
@@ -175,7 +186,7 @@ def _judge(own: Any) -> int:
         own.changed = max(0.0, own.changed + min(square / max(own.size, 0.05), _MOST) - _ALLOWANCE)
     if own.changed < _LEARNS_BELOW:
         own.size += (square - own.size) / min(own.seen, _SIZE_MEANS)
-        common = own.x[GAIN : GAIN + CHAMBERS].mean()
+        common = _common(own.x)
         share = max(_TRUSTED_SHARE, 1.0 / own.seen)
         for i in range(CHAMBERS):
             own.trusted[i] += share * (own.x[GAIN + i] - common - own.trusted[i])
@@ -189,7 +200,7 @@ def _judge(own: Any) -> int:
 @part()
 def _explain(own: Any) -> int:
     """The gains, learnt anew: which of them has risen over the others."""
-    common = own.x[GAIN : GAIN + CHAMBERS].mean()
+    common = _common(own.x)
     most, next_most, chamber = -1.0, -1.0, -1
     for i in range(CHAMBERS):
         rise = own.x[GAIN + i] - common - own.trusted[i]

@@ -44,6 +44,7 @@ _STATE = np.dtype([("cycles", np.int64), ("heard", np.int64)], align=True)
 _SETTLES_S = 1.5
 _SOFTEST_RISE = 0.55  # of a gain, of a softening of severity 1
 _SURE = 0.99
+_FREE_MEANS = 20  # of the balance, while it rolls
 
 
 class RollParts(NamedTuple):
@@ -105,8 +106,10 @@ def _watch_grip(memory: RollMemory, detector: Any) -> None:
 @part()
 def _watch_balance(memory: RollMemory, detector: Any, estimate: Any, model: RobotModel, step_s: float) -> None:
     own = memory.balance[0]
+    if own.seen > _FREE_MEANS:  # it rolls again: what comes after is another obstacle
+        detector.named_shared[_OBSTACLE] = 0
     told = observe_balance(own, estimate, model.curvature_1_m, model.pressure_limit_Pa, step_s)
-    if told == HELD:
+    if told == HELD and detector.named_shared[_OBSTACLE] == 0:
         tell(detector, NO_CHAMBER, _OBSTACLE, 1.0, _SURE)
     elif told == SOFTENED and not memory.inertial[0].slips:
         severity = min(own.soft[own.soft_chamber] / _SOFTEST_RISE, 1.0)
@@ -147,5 +150,6 @@ def watch_roll(
         if memory.inertial[0].alarm < 0:
             _watch_balance(memory, detector, estimate, model, parts.period_s)
     else:
+        detector.named_shared[_OBSTACLE] = 0
         pause_balance(memory.balance[0])
         memory.inertial[0].slipping, memory.inertial[0].slips = 0, False

@@ -114,6 +114,30 @@ def test_the_grip_is_learnt(grip):
     assert abs(own["x"][GRIP] - grip) < 0.1
 
 
+@pytest.mark.parametrize(("rate", "wave"), [(1.5, 0.15), (0.4, 0.0), (3.0, 0.3)])
+def test_the_filter_stays_sound_over_a_long_roll_and_when_it_is_unsure(rate, wave):
+    readings, roll = Roll(rate_rad_s=rate, wave=wave, jump_rad_s=0.05, seconds=60.0).readings()
+    _, own = watch(readings)
+    assert np.linalg.eigvalsh(own["covariance"]).min() > 0.0
+    assert abs(own["x"][BIAS] - 0.05) < 0.02
+    assert 0.3 < own["x"][GRIP] < 1.7
+    assert abs(math.remainder(own["x"][ROLL] - roll[-1], 2.0 * math.pi)) < 0.03
+
+
+def test_readings_that_no_robot_gives_leave_a_filter_that_goes_on():
+    readings, _ = Roll(seconds=6.0).readings()
+    broken = readings[:300].copy()
+    random = np.random.default_rng(0)
+    broken["accelerometer_m_s2"] = 1e9 * random.standard_normal((300, 3))
+    broken["gyro_rad_s"] = 1e9 * random.standard_normal((300, 3))
+    own = inertial_memory()[0]
+    watch(broken, own)
+    own["last_t_s"] = math.nan
+    assert all(code != FOUND for _, code in watch(readings, own)[0])
+    assert np.isfinite(own["x"]).all()
+    assert np.linalg.eigvalsh(own["covariance"]).min() > 0.0
+
+
 def test_a_knock_is_no_bias():
     readings, _ = Roll().readings()
     readings["accelerometer_m_s2"][600:606, :2] += (9.0, -4.0)
