@@ -24,7 +24,7 @@ _CHILD = (
 )
 
 
-class _AtFirst(event.Listener):  # type: ignore[misc]
+class _AtFirst(event.Listener):
     """Starts the process once this one really compiles something."""
 
     def __init__(self, scene: Scene) -> None:
