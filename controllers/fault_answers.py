@@ -52,6 +52,7 @@ _ROWS: dict[FaultKind, tuple[float, float, float, float, float]] = {
     ),  # a hundredth of the regulator still rolls the robot slowly
     FaultKind.IMU_STUCK: (_NEVER, 0.0, _ALWAYS, 0.0, _NEVER),  # without the roll nobody knows which chamber is due
     FaultKind.IMU_DROPOUT: (_NEVER, 0.0, _ALWAYS, 0.0, _NEVER),
+    FaultKind.OBSTACLE: (_NEVER, 0.0, _ALWAYS, 0.0, _NEVER),  # to push on helps nobody; an order may take it elsewhere
 }
 
 

@@ -268,6 +268,12 @@ def tell(own: Any, chamber: int, kind: int, severity: float, confidence: float) 
             _drop(own, other)
     else:
         own.named_shared[kind] = 1
+    report(own, chamber, kind, severity, confidence)
+
+
+@part()
+def report(own: Any, chamber: int, kind: int, severity: float, confidence: float) -> None:
+    """A verdict of this cycle that leaves a chamber to be watched as before."""
     n = own.found
     if n < MOST_FOUND:
         own.found_chamber[n], own.found_kind[n] = chamber, kind

@@ -45,7 +45,9 @@ _JERKS_TIME_S = 1.0
 _GRIP_KNOWN, _GRIP_CHANGES = 0.1, 0.1  # deviation of γ at first, and of its change in a second
 _TELLS = 4.0  # deviations of a lean's noise, from which on it tells of the grip
 _JUMP_RAD_S = 0.5  # what a bias that is learnt anew may be: its deviation
+_BROKEN_RAD_S = 0.02  # change in a second of a bias that was found, and may be anything: its deviation
 _SHOCK = 0.1  # share of g by which a specific force may be off, before its direction counts for less
+_UNSEEN_S = 0.25  # for about which a bias has led the roll astray before the alarm
 _ASTRAY_RAD = 0.03  # what the roll may have come to be off by before the alarm
 _FITS = 3.0  # mean square of the innovations up to which a bias explains them
 _WEIGHTLESS = 0.3  # share of g below which it has no direction
@@ -69,6 +71,10 @@ class InertialTuning:
     """… and after which a bias that is not beyond is taken for what it is."""
     wild: float = 4.0
     """Deviations that one reading counts at most."""
+    slipping_grip: float = 0.55
+    """A grip below it by `slipping_sure` deviations, for `slipping_readings` with a lean that tells, is lost."""
+    slipping_sure: float = 3.0
+    slipping_readings: int = 10
     settle: int = 50
     """Readings at the start in which nothing is judged."""
 
@@ -93,6 +99,9 @@ class InertialParts(NamedTuple):
     confirm: int
     patience: int
     wild: float
+    slipping_grip: float
+    slipping_sure: float
+    slipping_readings: int
     settle: int
 
 
@@ -111,13 +120,15 @@ INERTIAL = np.dtype(
         ("alarm", np.int64),
         ("misfit", np.float64),
         ("biased", np.bool_),
+        ("slipping", np.int64),
+        ("slips", np.bool_),
     ],
     align=True,
 )
 """What the observer believes and remembers, as a record: states and their covariance, scratch, the last reading's time
 and rate, readings since the start or a long gap, the most (squared) that it has leant lately, the innovation over its
 deviation, the CUSUMs, readings since the alarm (−1: there is none), the mean square of the innovations since then,
-whether the gyro has been found biased."""
+whether the gyro has been found biased; readings in which the grip was low, or has come back, and whether it is lost."""
 
 
 def inertial_memory() -> Any:
@@ -147,6 +158,9 @@ def parts_of_inertial(
         own.confirm,
         own.patience,
         own.wild,
+        own.slipping_grip,
+        own.slipping_sure,
+        own.slipping_readings,
         own.settle,
     )
 
@@ -181,6 +195,8 @@ def _predict(parts: InertialParts, own: Any, spin_rad_s: float, step_s: float) -
     lost = step_s > _LONGEST_STEP * parts.period_s
     unknown = abs(spin_rad_s - own.last_rad_s) * step_s if lost else parts.gyro_noise_rad_s * step_s
     covariance[ROLL, ROLL] = square + unknown * unknown + _DRIFT_RAD * _DRIFT_RAD * step_s / parts.period_s
+    if own.biased or own.alarm >= 0:
+        covariance[BIAS, BIAS] += _BROKEN_RAD_S * _BROKEN_RAD_S * step_s
     covariance[GRIP, GRIP] = min(covariance[GRIP, GRIP] + _GRIP_CHANGES * _GRIP_CHANGES * step_s, _GRIP_KNOWN)
     kept = math.exp(-step_s / _LEFT_OUT_TIME_S)
     own.x[LEFT_OUT] *= kept
@@ -189,6 +205,16 @@ def _predict(parts: InertialParts, own: Any, spin_rad_s: float, step_s: float) -
         covariance[j, LEFT_OUT] *= kept
     error = _LEFT_OUT_RAD * _LEFT_OUT_RAD + _LEFT_OUT_SHARE * _LEFT_OUT_SHARE * own.jerks_rad2
     covariance[LEFT_OUT, LEFT_OUT] += (1.0 - kept * kept) * error
+
+
+@part()
+def _judge_grip(parts: InertialParts, own: Any) -> None:
+    """Whether the grip is lost, by what it was before this reading."""
+    margin = parts.slipping_sure * math.sqrt(own.covariance[GRIP, GRIP])
+    changed = own.x[GRIP] - margin > parts.slipping_grip if own.slips else own.x[GRIP] + margin < parts.slipping_grip
+    own.slipping = own.slipping + 1 if changed else 0
+    if own.slipping >= parts.slipping_readings:
+        own.slips, own.slipping = not own.slips, 0
 
 
 @part()
@@ -209,6 +235,8 @@ def _correct(parts: InertialParts, own: Any, up_rad: float, size: float, lean: f
     noise = math.sqrt(2.0) * parts.gyro_noise_rad_s * parts.radius_m / (parts.period_s * STANDARD_GRAVITY_M_S2)
     if abs(lean) < _TELLS * noise:
         row[GRIP] = 0.0
+    else:
+        _judge_grip(parts, own)
     for i in range(STATES):
         x[i] += row[i] / spread * off
         for j in range(STATES):
@@ -226,7 +254,9 @@ def _judge(parts: InertialParts, own: Any) -> int:
             own.alarm = 0
             own.misfit = 0.0
             own.covariance[BIAS, BIAS] += _JUMP_RAD_S**2
-            own.covariance[ROLL, ROLL] += _ASTRAY_RAD**2
+            own.covariance[ROLL, ROLL] += _ASTRAY_RAD**2 + (_JUMP_RAD_S * _UNSEEN_S) ** 2
+            own.covariance[ROLL, BIAS] -= _JUMP_RAD_S**2 * _UNSEEN_S
+            own.covariance[BIAS, ROLL] = own.covariance[ROLL, BIAS]
         return NOTHING
     own.alarm += 1
     own.misfit += (z * z - own.misfit) / own.alarm
@@ -272,4 +302,5 @@ def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool, 
         return _judge(parts, own)
     own.rising = own.falling = 0.0
     own.alarm = -1
+    own.slipping, own.slips = 0, False
     return NOTHING

@@ -37,6 +37,7 @@ from controllers import (
     proof,
     recovery,
     robot_model,
+    roll_balance,
     roll_observer,
     sequencer_parts,
     supply_observer,
@@ -408,6 +409,11 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
 
 
 @part()
+def _rolls(own: Any) -> bool:
+    return bool(own.armed and (own.state == _ROLLING or own.state == _STALLED))
+
+
+@part()
 def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None:
     """Ask for a little more pressure where the detector wants to see whether a chamber fills."""
     own, probe = memory.own[0], memory.detector.own[0].probe
@@ -428,7 +434,7 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        watch_roll(parts.roll, memory.roll, memory.detector.own[0], estimate, reading[0], own.entered_s)
+        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
@@ -465,6 +471,7 @@ cycle = _compile(
         recovery,
         residual,
         robot_model,
+        roll_balance,
         roll_observer,
         sequencer_parts,
         supply_observer,

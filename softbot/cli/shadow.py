@@ -240,14 +240,17 @@ def _picture(twin: Shadow, title: str) -> RenderableType:
     from rich.text import Text
 
     now = twin.estimate()
+    roll = now.roll
     mode = "board not heard" if now.board_mode is None else f"board {now.board_mode.replace('_', ' ')}"
     head = Text.assemble(
         (title, "bold"),
         f"   {now.t_s:.1f} s   {mode}, sequencer {now.sequencer_state}\n"
-        f"rolled {now.roll_rev:.2f} rev at {now.roll_rate_rev_s:.2f} rev/s, bent {now.bend_rad:.2f} rad",
+        f"rolled {now.roll_rev:.2f} rev at {now.roll_rate_rev_s:.2f} rev/s, bent {now.bend_rad:.2f} rad\n"
+        f"gyro off by {1e3 * roll.gyro_bias_rad_s:.0f}±{1e3 * roll.gyro_bias_deviation_rad_s:.0f} mrad/s, "
+        f"grip {100.0 * roll.grip:.0f} %, resistance {100.0 * roll.resistance:.0f} %",
     )
     table = Table(box=None, pad_edge=False)
-    for name in ("", "pressure", "supply", "exhaust", "leak", "effect", "suspected", "verdict"):
+    for name in ("", "pressure", "supply", "exhaust", "leak", "effect", "suspected", "bends", "verdict"):
         table.add_column(name, justify="left" if name in ("", "verdict") else "right", no_wrap=True)
     for number, one in enumerate(now.chambers):
         learnt = one.learnt
@@ -260,6 +263,7 @@ def _picture(twin: Shadow, title: str) -> RenderableType:
             f"{100.0 * learnt.leak:.1f}±{100.0 * learnt.leak_deviation:.1f} %",
             f"{100.0 * one.effectiveness:.0f} %",
             f"{100.0 * min(one.suspicion, 1.0):.0f} %",
+            f"{100.0 * now.roll.gains[number]:+.0f} %",
             named or "healthy",
             style="red" if one.named else "yellow" if one.suspicion >= 1.0 else "",
         )

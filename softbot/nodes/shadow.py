@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 
 from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET
+from controllers.inertial_observer import BIAS, GRIP
 from controllers.interface import Command, Detection, Order, SequencerState
+from controllers.roll_balance import DRY, GAIN
 from controllers.sequencer import Sequencer
 from controllers.sequencer_parts import SequencerConfig
 from firmware_protocol.codec import decode
@@ -42,6 +44,7 @@ from softbot.sensing import Readings
 
 TURN_RAD = 2.0 * math.pi
 _OF_THE_SUPPLY = (FaultKind.SUPPLY_SAG, FaultKind.SUPPLY_LOSS)
+_ROLLS = (SequencerState.ROLLING, SequencerState.STALLED)
 _CALENDAR_FROM_S = 1e9  # stamps beyond are seconds since 1970, as candump writes them
 Seen = tuple[float, list[Frame]]
 """Time [s] and the frames that came then."""
@@ -73,8 +76,23 @@ class ChamberEstimate:
 
 
 @dataclass(frozen=True)
+class RollEstimate:
+    """What the shadow has learnt of the roll (`controllers.inertial_observer`, `controllers.roll_balance`).
+
+    `grip`: share of the acceleration of a roll without slip; `resistance`: of the floor, over EI L κ² of the C;
+    `gains`: how much more than is believed each chamber bends, beyond what all four do.
+    """
+
+    gyro_bias_rad_s: float
+    gyro_bias_deviation_rad_s: float
+    grip: float
+    resistance: float
+    gains: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class ShadowEstimate:
-    """What the shadow believes now: the roll since it began to watch, the C, and the chambers."""
+    """What the shadow believes now: the roll since it began to watch, the C, the chambers, and what rolls them."""
 
     t_s: float
     board_mode: str | None
@@ -83,6 +101,7 @@ class ShadowEstimate:
     roll_rate_rev_s: float
     bend_rad: float
     chambers: tuple[ChamberEstimate, ...]
+    roll: RollEstimate
 
 
 @dataclass(frozen=True)
@@ -130,6 +149,7 @@ class Shadow:
         before_s, self.t_s = self.t_s, max(self.t_s, round(stamp_s - self._first_s, 6))
         self.armed_s += (self.t_s - before_s) * self._node.link.armed
         known = len(self._node.detections)
+        self._sequencer.memory.roll.state[0]["heard"] = self.heard.state in _ROLLS
         self._node.cycle(self.t_s, [frame for frame in came if frame.frame_id in self._of_the_board])
         if self._node.failure is not None:
             raise SimulationError(
@@ -222,6 +242,18 @@ class Shadow:
             float(estimator["roll_rate_rad_s"]) / TURN_RAD,
             float(np.hypot(*estimator["curvature_1_m"])) * self.robot.length_m,
             tuple(chambers),
+            self._roll(),
+        )
+
+    def _roll(self) -> RollEstimate:
+        inertial, balance = (one[0] for one in self._sequencer.memory.roll[:2])
+        gains = balance["x"][GAIN:]
+        return RollEstimate(
+            float(inertial["x"][BIAS]),
+            math.sqrt(max(float(inertial["covariance"][BIAS, BIAS]), 0.0)),
+            float(inertial["x"][GRIP]),
+            float(balance["x"][DRY]),
+            tuple((gains - gains.mean()).tolist()),
         )
 
     def counts(self) -> Counts:

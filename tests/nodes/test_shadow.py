@@ -71,6 +71,17 @@ def test_a_small_leak_is_learnt_and_not_found(leaking: Path) -> None:
     assert [one["event"] for one in told] == ["estimate"] * 7
     assert told[-1]["roll_rev"] == pytest.approx(-3.0, abs=0.6)
     assert (told[-1]["board_mode"], told[-1]["sequencer_state"]) == ("armed", "rolling")
+    roll = told[-1]["roll"]
+    assert roll["grip"] == pytest.approx(0.9, abs=0.25)
+    assert abs(roll["gyro_bias_rad_s"]) < 0.05
+    assert sum(roll["gains"]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_biased_gyro_of_a_robot_that_another_rolls_is_found_and_learnt(tmp_path: Path) -> None:
+    recorded(tmp_path, 7.0, {"t_s": 4.0, "kind": "imu_bias", "severity": 0.6})
+    shadow, told = watched(tmp_path / BUS_LOG)
+    assert [(found.chamber, found.kind) for found in shadow.detections] == [(-1, "imu_bias")]
+    assert told[-1]["roll"]["gyro_bias_rad_s"] == pytest.approx(0.3, abs=0.05)
 
 
 def test_what_was_learnt_is_carried_on_and_the_leak_is_seen_in_the_end(leaking: Path) -> None:
