@@ -12,7 +12,7 @@ from controllers.chamber_gas import Gas, gas_of
 from controllers.chamber_observer import OBSERVER, STATES
 from controllers.fault_candidates import CANDIDATES, Candidates
 from controllers.fault_following import FOLLOWER
-from controllers.fault_naming import VERDICT, WINDOW
+from controllers.fault_naming import SCRATCH, VERDICT, WINDOW
 from controllers.supply_observer import SUPPLY
 from softbot.faults import CHAMBER_COUNT, KINDS
 from softbot.pneumatics import PneumaticsParameters
@@ -120,6 +120,7 @@ DETECTOR = np.dtype(
         ("last_t_s", np.float64),
         ("last_supply_Pa", np.float64),
         ("volume_m3", np.float64, CHAMBER_COUNT),
+        ("felt", np.float64, CHAMBER_COUNT),
         ("lagged", np.float64, CHAMBER_COUNT),
         ("trusted", np.float64, (CHAMBER_COUNT, STATES)),
         ("learnt", np.int64, CHAMBER_COUNT),
@@ -153,16 +154,15 @@ DETECTOR = np.dtype(
     align=True,
 )
 """What a detector remembers beside its filters, as a record. `rests`: the board vents all chambers, and only what was
-named is looked at again; `rising` and `falling`: the CUSUMs; `alarm`: cycle at
-which a chamber came to be suspected, −1 if it is not; `trusted`: the filters' states, slowly, while nothing is
-suspected; `named`: the kind by number, 0 none, and its severity; `named_shared`: for each kind whether it was found in
-what the chambers share;
-`probe`: cycles for which a test pulse into a chamber is still asked for; `probed`: when one was asked for last;
-`found`: verdicts of this cycle, chamber −1 for none."""
+named is looked at again; `felt`: share of each reading that the volumes were reckoned with; `rising` and `falling`: the
+CUSUMs; `alarm`: cycle at which a chamber came to be suspected, −1 if it is not; `trusted`: the filters' states, slowly,
+while nothing is suspected; `named`: the kind by number, 0 none, and its severity; `named_shared`: for each kind whether
+it was found in what the chambers share; `probe`: cycles for which a test pulse into a chamber is still asked for;
+`probed`: when one was asked for last; `found`: verdicts of this cycle, chamber −1 for none."""
 
 
 class DetectorMemory(NamedTuple):
-    """All that a detector remembers: records, of shapes (1,), (4,), (1,), (4,), (1,) and (4,)."""
+    """All that a detector remembers: records, of shapes (1,), (4,), (1,), (4,), (1,), (4,) and (1,)."""
 
     own: Any
     observer: Any
@@ -170,6 +170,7 @@ class DetectorMemory(NamedTuple):
     verdict: Any
     supply: Any
     follower: Any
+    scratch: Any
 
 
 def detector_memory() -> DetectorMemory:
@@ -177,6 +178,7 @@ def detector_memory() -> DetectorMemory:
     own = np.zeros(1, DETECTOR).view(np.recarray)
     own[0]["last_t_s"] = math.nan
     own[0]["alarm"] = own[0]["probed"] = -1
+    own[0]["felt"] = 1.0
     return DetectorMemory(
         own,
         np.zeros(CHAMBER_COUNT, OBSERVER).view(np.recarray),
@@ -184,6 +186,7 @@ def detector_memory() -> DetectorMemory:
         np.zeros(CHAMBER_COUNT, VERDICT).view(np.recarray),
         np.zeros(1, SUPPLY).view(np.recarray),
         np.zeros(CHAMBER_COUNT, FOLLOWER).view(np.recarray),
+        np.zeros(1, SCRATCH).view(np.recarray),
     )
 
 

@@ -59,7 +59,7 @@ from controllers.detector_parts import (
     parts_of_detector,
 )
 from controllers.fault_following import begin_following, follow, give_up, likeliest, resume_following, severity_of
-from controllers.fault_naming import KEPT, name_fault
+from controllers.fault_naming import KEPT, name_fault, swelled_by
 from controllers.interface import Detection
 from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
 from softbot import pneumatics
@@ -72,7 +72,6 @@ from softbot.sensing import READINGS, Readings, SensorParameters
 FloatArray = NDArray[np.float64]
 
 _WILDEST = 4.0  # deviations: one reading, however wild, is no proof
-_FASTEST_SWELLING = 0.05  # of a volume, in one cycle
 _LONGEST_STEP = 1.5  # periods: beyond, a sampling was lost
 _FORGETTING_STEP = 10.0  # periods: beyond, suspicions are dropped
 _HELD_CYCLES = 4  # after a lost sampling, while the valves' lag is made up
@@ -200,6 +199,7 @@ def _keep(
         window.lagged[at, c] = own.lagged[c]
         window.volume_m3[at, c] = own.volume_m3[c]
         window.swelling[at, c] = swelling[c]
+        window.felt[at, c] = own.felt[c]
         window.x[at, c, PRESSURE] = observer.x[PRESSURE]
         for i in range(1, STATES):
             window.x[at, c, i] = own.trusted[c, i] if own.learnt[c] > 0 else observer.x[i]
@@ -221,8 +221,7 @@ def _follow(
     off = abs(step_s - parts.period_s) / parts.period_s
     for c in range(CHAMBER_COUNT):
         volume = chamber_volume_m3[c] + gas.dead_volume_m3[c]
-        grown = (volume - own.volume_m3[c]) / volume
-        swelling[c] = min(max(grown, -_FASTEST_SWELLING), _FASTEST_SWELLING)
+        swelling[c] = swelled_by(volume, own.volume_m3[c])
         own.volume_m3[c] = volume
         own.lagged[c], mean[c] = lagged_opening(gas.lag_s, step_s, own.lagged[c], reading.opening[c])
         observer = memory.observer[c]
@@ -354,6 +353,7 @@ def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) ->
         parts.candidates,
         afresh,
         memory.verdict[c],
+        memory.scratch[0],
     )
 
 

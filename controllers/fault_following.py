@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, MODEL_ERROR, OFFSET, OUTLET, STATES, between
 from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
-from controllers.fault_naming import EVIDENCE, KEPT
-from softbot.faults import SENSOR_SCALE_LOSS, SENSOR_OFFSET_Pa
+from controllers.fault_naming import EVIDENCE, KEPT, USUAL_DRIFT, ballooned, swelled_by, unfelt
+from softbot.faults import SENSOR_SCALE_LOSS, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
 from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
@@ -40,10 +40,16 @@ _LEAST_ERROR_Pa = 150.0
 """Of the pressure's change in a cycle, always there."""
 _SWELLING_ERROR = 0.2
 """Share of what swelling did to the pressure that a model of the shape does not know."""
-_SEVERITY_KNOWN, _SEVERITY_DRIFT = 0.08, 1e-3
+_SEVERITY_KNOWN, _SEVERITY_DRIFT = 0.08, 3e-4
 """Deviation of a fitted severity, and of its change in a cycle."""
-_OFFSET_KNOWN_Pa, _DRIFTED_KNOWN_Pa, _DRIFTS_Pa = 1e3, 2.5e3, 25.0
-"""… of an offset, of what a drift has come to, and of its change in a cycle."""
+_OFFSET_KNOWN_Pa, _DRIFTED_KNOWN_Pa = 1e3, 2.5e3
+"""… of an offset and of what a drift has come to …"""
+_OFFSET_KEEPS_Pa, _DRIFTS_Pa = 3.0, 12.0
+"""… and of the change of the one and of the other (beside its usual rate) in a cycle."""
+_ABOUT_AS_WELL = 1.4
+"""Ratio of the variances of two predictions that are taken for the same."""
+_STEP_OF_SEVERITY = 0.02
+"""For what has no slope in closed form."""
 
 FOLLOWER = np.dtype(
     [
@@ -53,12 +59,17 @@ FOLLOWER = np.dtype(
         ("covariance", np.float64, (COUNT, 3)),
         ("lagged", np.float64, COUNT),
         ("cost", np.float64, COUNT),
+        ("off_Pa", np.float64, COUNT),
+        ("spread_Pa2", np.float64, COUNT),
         ("sound", np.float64, STATES),
+        ("growth_m3_Pa", np.float64),
+        ("volume_m3", np.float64, COUNT),
     ],
     align=True,
 )
 """The filters of a chamber, as a record: whether there are any and which; `covariance` PP, Ps, ss; `sound`: offset and
-conductances of the chamber before anything was wrong with it."""
+conductances of the chamber before anything was wrong with it; `growth_m3_Pa`: by how much it grows with each pascal on
+its wall; `volume_m3`: as large as each explanation makes it, 0 before its first step."""
 
 
 @kernel(cache=False)
@@ -79,6 +90,7 @@ def begin_following(
         top = max(top, verdict.best[candidates.kind[m]])
     for i in range(STATES):
         own.sound[i] = sound[i]
+    own.growth_m3_Pa = verdict.growth_m3_Pa
     for m in range(COUNT):
         behind, change = top - verdict.best[candidates.kind[m]], candidates.change[m]
         own.follows[m] = 1 if behind < _NEAR and change != _SWAP and verdict.onset[m] > 0 else 0
@@ -111,6 +123,7 @@ def resume_following(
             both = -known * known * SENSOR_OFFSET_Pa
         own.x[m, 0] = max(gauge_Pa + atmosphere_Pa, 0.2 * atmosphere_Pa)
         own.covariance[m, 0], own.covariance[m, 1], own.covariance[m, 2] = variance_Pa2, both, known * known
+        own.volume_m3[m] = 0.0
 
 
 @kernel(cache=False)
@@ -118,7 +131,6 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
     """One step of a chamber's filters, by what the window kept of cycle `now`."""
     k = now % KEPT
     supply, step_s = window.supply[k], window.step_s[k]
-    volume, swelling = window.volume_m3[k, chamber], window.swelling[k, chamber]
     shown_Pa = window.reading_Pa[k, chamber] - own.sound[OFFSET]
     tells = window.opening[k, chamber] > 0.0 or abs(shown_Pa) > _EMPTY_Pa  # an empty chamber explains nothing
     for m in range(COUNT):
@@ -127,18 +139,37 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
         change, severity, pressure = candidates.change[m], own.x[m, 1], own.x[m, 0]
         value = candidates.base[m] + candidates.slope[m] * severity
         inlet, outlet, hole = own.sound[INLET], own.sound[OUTLET], max(own.sound[HOLE], 0.0)
-        opening, wide = window.opening[k, chamber], volume
+        opening = window.opening[k, chamber]
+        more, believed_m3, felt = (
+            value + candidates.slope[m] * _STEP_OF_SEVERITY,
+            window.volume_m3[k, chamber],
+            window.felt[k, chamber],
+        )
+        growth_m3_Pa = own.growth_m3_Pa * unfelt(change, value, felt)
+        other_opening, room, other_room, share = opening, 1.0, 1.0, 1.0
         inlet, outlet, hole = changed_ways(change, value, inlet, outlet, hole)
         if change == _FORCED:
             opening = value
         elif change == _LAG:
-            own.lagged[m], mean = lagged_opening(gas.lag_s * value, step_s, own.lagged[m], window.commanded[k, chamber])
+            commanded = window.commanded[k, chamber]
+            later, mean = lagged_opening(gas.lag_s * more, step_s, own.lagged[m], commanded)
+            other_opening = between(mean, later)
+            own.lagged[m], mean = lagged_opening(gas.lag_s * value, step_s, own.lagged[m], commanded)
             opening = between(mean, own.lagged[m])
         elif change == _WIDENING:
-            wide *= 1.0 + value * (max(pressure - gas.atmosphere_Pa, 0.0) + pressure)
-        after, kept, by_inlet, by_outlet, by_hole, flowed = next_pressure(
-            gas, chamber, pressure, supply, opening, wide, swelling, inlet, outlet, hole, step_s
-        )
+            other_room, _share = ballooned(gas, pressure, more)
+            room, share = ballooned(gas, pressure, value)
+        after, volume, swelling = pressure, believed_m3, window.swelling[k, chamber]
+        kept = by_inlet = by_outlet = by_hole = flowed = 0.0
+        for _ in range(1 if growth_m3_Pa == 0.0 else 2):  # its volume is that under the pressure that it comes to
+            volume = believed_m3 + growth_m3_Pa * max(after - gas.atmosphere_Pa, 0.0)
+            if own.volume_m3[m] > 0.0:
+                swelling = swelled_by(volume, own.volume_m3[m])
+            after, kept, by_inlet, by_outlet, by_hole, flowed = next_pressure(
+                gas, chamber, pressure, supply, opening, room * volume, share * swelling, inlet, outlet, hole, step_s
+            )
+        swelling *= share
+        own.volume_m3[m] = volume
         by_severity = 0.0
         if change == _HOLE:
             by_severity = by_hole * candidates.slope[m]
@@ -150,6 +181,22 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
             by_severity = (by_inlet * own.sound[INLET] + by_outlet * own.sound[OUTLET]) * candidates.slope[m]
         elif change == _FORCED and opening > 0.0:
             by_severity = by_inlet * inlet / opening * candidates.slope[m]
+        elif change in (_LAG, _WIDENING):
+            other_m3 = believed_m3 + own.growth_m3_Pa * unfelt(change, more, felt) * max(after - gas.atmosphere_Pa, 0.0)
+            other, _k, _a, _b, _l, _f = next_pressure(
+                gas,
+                chamber,
+                pressure,
+                supply,
+                other_opening,
+                other_room * other_m3,
+                swelling,
+                inlet,
+                outlet,
+                hole,
+                step_s,
+            )
+            by_severity = (other - after) / _STEP_OF_SEVERITY
         pp, ps, ss = own.covariance[m, 0], own.covariance[m, 1], own.covariance[m, 2]
         pp, ps = (
             kept * (kept * pp + 2.0 * by_severity * ps) + by_severity * by_severity * ss,
@@ -157,24 +204,28 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
         )
         pp += (MODEL_ERROR * flowed) ** 2 + (_SWELLING_ERROR * pressure * swelling) ** 2
         pp += _LEAST_ERROR_Pa**2 + window.timing_Pa[k, chamber] ** 2
+        if change == _DRIFT:
+            severity += USUAL_DRIFT * SENSOR_DRIFT_Pa_s * step_s / SENSOR_OFFSET_Pa
         gauge_Pa, scale, by_s = after - gas.atmosphere_Pa, 1.0, 0.0
         if change == _SCALE:
             scale, by_s = value, -SENSOR_SCALE_LOSS * gauge_Pa
         elif change in (_OFFSET, _DRIFT):
             by_s = SENSOR_OFFSET_Pa
         expected_Pa = scale * gauge_Pa + (by_s * severity if change in (_OFFSET, _DRIFT) else 0.0)
-        drift = _SEVERITY_DRIFT if change != _DRIFT else _DRIFTS_Pa / SENSOR_OFFSET_Pa
+        drift = _SEVERITY_DRIFT
+        if change in (_OFFSET, _DRIFT):
+            drift = (_OFFSET_KEEPS_Pa if change == _OFFSET else _DRIFTS_Pa) / SENSOR_OFFSET_Pa
         ss += drift * drift
         gain_p, gain_s = scale * pp + by_s * ps, scale * ps + by_s * ss
         spread_Pa2 = scale * gain_p + by_s * gain_s + noise_Pa * noise_Pa
         off_Pa = shown_Pa - expected_Pa
+        own.off_Pa[m], own.spread_Pa2[m] = off_Pa, spread_Pa2
         if not tells:
             own.x[m, 0] = max(after + pp / (pp + noise_Pa * noise_Pa) * off_Pa, 0.2 * gas.atmosphere_Pa)
             continue
-        own.cost[m] += min(0.5 * off_Pa * off_Pa / spread_Pa2, _WILDEST) + 0.5 * math.log(spread_Pa2)
         own.x[m, 0] = max(after + gain_p / spread_Pa2 * off_Pa, 0.2 * gas.atmosphere_Pa)
         if change == _DRIFT:
-            least, most = -0.1, 1.1
+            least, most = -0.1, 1.0
         elif change == _OFFSET:
             least, most = -1.3, 1.3
         else:
@@ -183,6 +234,28 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
         own.covariance[m, 0] = pp - gain_p * gain_p / spread_Pa2
         own.covariance[m, 1] = ps - gain_p * gain_s / spread_Pa2
         own.covariance[m, 2] = max(ss - gain_s * gain_s / spread_Pa2, 1e-10)
+    if tells:
+        _charge(own)
+
+
+@part()
+def _charge(own: Any) -> None:
+    """Add what a reading costs each explanation, over what it costs none.
+
+    Those that know about as well what the next reading will be are given the same deviation: a filter that only says
+    that it knows a little better would win in the long run by saying so.
+    """
+    least_Pa2 = math.inf
+    for m in range(COUNT):
+        if own.follows[m] > 0:
+            least_Pa2 = min(least_Pa2, own.spread_Pa2[m])
+    for m in range(COUNT):
+        if own.follows[m] > 0:
+            ratio = own.spread_Pa2[m] / least_Pa2
+            if ratio < _ABOUT_AS_WELL:
+                ratio = 1.0
+            off_Pa2 = own.off_Pa[m] * own.off_Pa[m] / (ratio * least_Pa2)
+            own.cost[m] += min(0.5 * off_Pa2, _WILDEST) + 0.5 * math.log(ratio)
 
 
 @kernel(cache=False)

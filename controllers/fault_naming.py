@@ -12,7 +12,7 @@ Two things that are the same are not told apart: a line that is closed for good 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,15 +39,19 @@ ONSETS = np.array([2, 5, 9, 14, 22, 34, 50, 70, 95], dtype=np.int64)
 EVIDENCE = 0.7
 """What one reading counts: errors of the model are correlated over a few cycles."""
 SYSTEMATIC_SHARE, SIMULATED_Pa = 0.05, 350.0
-"""Deviation of a simulated pressure: of the whole way that it has come, by one common factor, and of each by itself."""
+"""Deviation of a simulated pressure: of the whole way that it has come, by one common factor for what was filled and
+one for what was vented, and of each by itself."""
 _SWELLING_SHARE = 0.15
 """Deviation of the factor of what swelling did: the shape is known by a law and by gains that may be a fifth off."""
 _MOST_SHARES = 2.5
-"""Deviations of that factor at most: a way not come at all is no error of the model."""
+"""Deviations of these factors at most: a way not come at all is no error of the model."""
+FASTEST_SWELLING = 0.05
+"""Of a volume, in one cycle."""
 TIMING_KEPT = 0.9
 """Share of what a valve's moving may have made of the pressure that is still there a cycle later, squared."""
-WORST = 12.0
-"""Cost of one reading at most: however wild, it is no proof."""
+WORST, WILD = 12.0, 3.0
+"""Cost of one reading from which on it grows by so much with its logarithm only: however wild, one alone is no proof,
+and many far off are still worse than as many less far."""
 _INLET, _OUTLET, _BOTH = int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
 _FORCED, _LAG, _WIDENING = int(Change.FORCED), int(Change.LAG), int(Change.WIDENING)
 _SCALE, _OFFSET, _DRIFT, _SWAP = int(Change.SCALE), int(Change.OFFSET), int(Change.DRIFT), int(Change.SWAP)
@@ -65,6 +69,7 @@ WINDOW = np.dtype(
         ("lagged", np.float64, (KEPT, CHAMBER_COUNT)),
         ("volume_m3", np.float64, (KEPT, CHAMBER_COUNT)),
         ("swelling", np.float64, (KEPT, CHAMBER_COUNT)),
+        ("felt", np.float64, (KEPT, CHAMBER_COUNT)),
         ("x", np.float64, (KEPT, CHAMBER_COUNT, STATES)),
         ("timing_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
         ("doubt", np.float64, (KEPT, CHAMBER_COUNT)),
@@ -74,8 +79,8 @@ WINDOW = np.dtype(
     align=True,
 )
 """What is kept of the last cycles, a place each in turn: readings, absolute supply that acted until then, openings
-(commanded, mean and lagged), volumes, and what the filters believed after each; `doubt`: deviation of the conductances
-that they had learnt."""
+(commanded, mean and lagged), volumes, and what the filters believed after each; `felt`: share of a reading that the
+shape was reckoned with; `doubt`: deviation of the conductances that they had learnt."""
 
 VERDICT = np.dtype(
     [
@@ -87,6 +92,7 @@ VERDICT = np.dtype(
         ("lead", np.float64),
         ("confidence", np.float64),
         ("since", np.int64),
+        ("growth_m3_Pa", np.float64),
         ("best", np.float64, KIND_COUNT),
         ("onset", np.int64, COUNT),
         ("fitted", np.float64, COUNT),
@@ -95,28 +101,44 @@ VERDICT = np.dtype(
     align=True,
 )
 """What explains a chamber best, as a record: kind by number, severity, evidence against a healthy robot, lead over the
-next kind (both logarithms of likelihood ratios), posterior of the kind, cycles since the onset; `best` evidence of each
-kind; of each candidate where it was best: cycle of the onset, severity, chamber."""
+next kind (both logarithms of likelihood ratios), posterior of the kind, cycles since the onset; by how much the chamber
+grows with each pascal on its wall, as it was before anything was named; `best` evidence of each kind; of each candidate
+where it was best: cycle of the onset, severity, chamber."""
 
-
-class _Scratch(NamedTuple):
-    """What was simulated last: gauge pressures, how far each may be off, the way that it has come (as far as the
-    pressure still depends on it), and how much of an error at the start is still in it."""
-
-    simulated_Pa: FloatArray
-    deviation_Pa: FloatArray
-    way_Pa: FloatArray
-    swelled_Pa: FloatArray
-    """… and of that what the chamber's swelling did."""
-    start: FloatArray
-    normal: FloatArray
-    """Normal equations of what is fitted, shape (5, 6)."""
+MOST_TERMS = 6
+"""Terms that are fitted to the readings."""
+SCRATCH = np.dtype(
+    [
+        ("simulated_Pa", np.float64, KEPT),
+        ("deviation_Pa", np.float64, KEPT),
+        ("filled_Pa", np.float64, KEPT),
+        ("vented_Pa", np.float64, KEPT),
+        ("swelled_Pa", np.float64, KEPT),
+        ("start", np.float64, KEPT),
+        ("terms", np.float64, MOST_TERMS),
+        ("known", np.float64, MOST_TERMS),
+        ("normal", np.float64, (MOST_TERMS, MOST_TERMS + 1)),
+        ("healthy", np.float64, KEPT),
+        ("best", np.float64, COUNT),
+        ("severity", np.float64, COUNT),
+        ("since", np.int64, COUNT),
+        ("where", np.int64, COUNT),
+        ("growth_m3_Pa", np.float64),
+    ],
+    align=True,
+)
+"""Scratch of a look, as a record. What was simulated last: gauge pressures, how far each may be off, the ways that it
+has come while it was filled and while it was vented (as far as the pressure still depends on them), of these what the
+chamber's swelling did, and how much of an error at the start is still in it. What is fitted: its terms for a reading,
+the deviations that are known of it before, and its normal equations. Then the cost of a healthy chamber by cycles since
+the onset, and of each candidate what explains best so far."""
 
 
 @part()
 def _cost(error_Pa: float, deviation_Pa: float) -> float:
     ratio = error_Pa / deviation_Pa
-    return min(0.5 * ratio * ratio, WORST) + math.log(deviation_Pa)
+    cost = 0.5 * ratio * ratio
+    return (cost if cost < WORST else WORST + WILD * math.log(cost / WORST)) + math.log(deviation_Pa)
 
 
 @part()
@@ -130,14 +152,39 @@ def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
 
 @part()
 def _growth_m3_Pa(window: Any, chamber: int) -> float:
-    """By how much the shape that is believed makes a chamber larger with each pascal that its sensor shows."""
-    count = volume = shown = both = square = 0.0
+    """By how much the shape that is believed makes a chamber larger with each pascal that its wall is taken to feel."""
+    count = volume = felt = both = square = 0.0
     for k in range(KEPT):
         if window.volume_m3[k, chamber] > 0.0:
-            v, p = window.volume_m3[k, chamber], window.reading_Pa[k, chamber]
-            count, volume, shown, both, square = count + 1.0, volume + v, shown + p, both + v * p, square + p * p
-    spread = square - shown * shown / max(count, 1.0)
-    return max(both - volume * shown / max(count, 1.0), 0.0) / spread if spread > 0.0 else 0.0
+            v, p = window.volume_m3[k, chamber], window.felt[k, chamber] * window.reading_Pa[k, chamber]
+            count, volume, felt, both, square = count + 1.0, volume + v, felt + p, both + v * p, square + p * p
+    spread = square - felt * felt / max(count, 1.0)
+    return max(both - volume * felt / max(count, 1.0), 0.0) / spread if spread > 0.0 else 0.0
+
+
+@part()
+def unfelt(change: int, value: float, felt: float) -> float:
+    """Share of a chamber's gauge pressure that its wall feels if this is wrong with it, and the shape does not know of.
+
+    felt: share of what was shown that the shape was reckoned with.
+    """
+    if change == _WIDENING:
+        return 1.0 - BALLOON_LOSS / BALLOON_VOLUME_1_Pa * value - felt
+    return 1.0 - felt * (value if change == _SCALE else 1.0)
+
+
+@part()
+def ballooned(gas: Gas, pressure: float, value: float) -> tuple[float, float]:
+    """Of a chamber that balloons, at an absolute pressure: its room for gas over its volume, and what swelling does."""
+    gauge_Pa = max(pressure - gas.atmosphere_Pa, 0.0)
+    room = 1.0 + value * (gauge_Pa + pressure)
+    return room, (1.0 + value * gauge_Pa) / room
+
+
+@part()
+def swelled_by(volume_m3: float, before_m3: float) -> float:
+    """Relative growth of a volume in a cycle; a shape that is believed may jump, a chamber does not."""
+    return min(max((volume_m3 - before_m3) / volume_m3, -FASTEST_SWELLING), FASTEST_SWELLING)
 
 
 @part()
@@ -149,7 +196,7 @@ def _simulate(
     since: int,
     change: int,
     value: float,
-    scratch: _Scratch,
+    scratch: Any,
     noise_Pa: float,
 ) -> None:
     """Gauge pressures of the last `since` cycles up to number `now` if this were wrong with the chamber."""
@@ -158,13 +205,13 @@ def _simulate(
     pressure, inlet, outlet, hole = believed[PRESSURE], believed[INLET], believed[OUTLET], max(believed[HOLE], 0.0)
     lagged = window.lagged[at, chamber]
     inlet, outlet, hole = changed_ways(change, value, inlet, outlet, hole)
-    way, swelled, start, timing_Pa2 = 0.0, 0.0, 1.0, 0.0
-    volume_before, growth_m3_Pa = window.volume_m3[at, chamber], 0.0
-    if change in (_SCALE, _WIDENING):
-        growth_m3_Pa = _growth_m3_Pa(window, chamber)
+    filled, vented, swelled, start, timing_Pa2 = 0.0, 0.0, 0.0, 1.0, 0.0
+    growth_m3_Pa, corrected = scratch.growth_m3_Pa, False
+    volume_before = window.volume_m3[at, chamber]
+    volume_before += growth_m3_Pa * unfelt(-1, 0.0, window.felt[at, chamber]) * max(pressure - gas.atmosphere_Pa, 0.0)
     if change == _WIDENING:
-        way = _widened(gas, pressure, value) - pressure
-        pressure += way
+        vented = _widened(gas, pressure, value) - pressure
+        pressure += vented
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         opening, step_s = window.opening[k, chamber], window.step_s[k]
@@ -173,25 +220,43 @@ def _simulate(
         elif change == _LAG:
             lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
             opening = between(opening, lagged)
-        volume, swelling = window.volume_m3[k, chamber], window.swelling[k, chamber]
-        if change in (_SCALE, _WIDENING):
-            # the shape was reckoned with what was shown, and with a chamber that presses on its wall
-            gauge_Pa = max(pressure - gas.atmosphere_Pa, 0.0)
-            unseen = 1.0 - value if change == _SCALE else -BALLOON_LOSS / BALLOON_VOLUME_1_Pa * value
-            volume += growth_m3_Pa * unseen * gauge_Pa
-            swelling = (volume - volume_before) / volume
-            volume_before = volume
-            if change == _WIDENING:
-                volume *= 1.0 + value * (gauge_Pa + pressure)
-        after, kept, _a, _b, _l, _flowed = next_pressure(
-            gas, chamber, pressure, window.supply[k], opening, volume, swelling, inlet, outlet, hole, step_s
-        )
+        volume, passes = window.volume_m3[k, chamber], 1
+        more_m3_Pa = growth_m3_Pa * unfelt(change, value, window.felt[k, chamber])
+        swelling, room, share, after, kept = window.swelling[k, chamber], 1.0, 1.0, pressure, 1.0
+        if change == _WIDENING:
+            room, share = ballooned(gas, pressure, value)
+        if more_m3_Pa != 0.0 or change == _WIDENING or corrected:
+            passes, corrected = 2, True  # its volume is that under the pressure that it comes to
+        for _ in range(passes):
+            if passes > 1:
+                volume = window.volume_m3[k, chamber] + more_m3_Pa * max(after - gas.atmosphere_Pa, 0.0)
+                swelling = swelled_by(volume, volume_before)
+            after, kept, _a, _b, _l, _flowed = next_pressure(
+                gas,
+                chamber,
+                pressure,
+                window.supply[k],
+                opening,
+                room * volume,
+                share * swelling,
+                inlet,
+                outlet,
+                hole,
+                step_s,
+            )
+        swelling *= share
+        volume_before = volume
         # what the chamber has come to forget of its way, as when it is vented, is no error any more
-        way, start = kept * way + after - pressure, kept * start
+        filled, vented, start = kept * filled, kept * vented, kept * start
+        if opening > 0.0:
+            filled += after - pressure
+        else:
+            vented += after - pressure
         swelled = kept * swelled - pressure * swelling / (1.0 + swelling)
         pressure = after
         scratch.simulated_Pa[n] = pressure - gas.atmosphere_Pa
-        scratch.way_Pa[n], scratch.swelled_Pa[n], scratch.start[n] = way, swelled, start
+        scratch.filled_Pa[n], scratch.vented_Pa[n] = filled, vented
+        scratch.swelled_Pa[n], scratch.start[n] = swelled, start
         timing_Pa2 = TIMING_KEPT * timing_Pa2 + window.timing_Pa[k, chamber] ** 2
         scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
 
@@ -234,89 +299,78 @@ def _sensor_cost(
     value: float,
     offset_Pa: float,
     share: float,
-    scratch: _Scratch,
+    scratch: Any,
 ) -> tuple[float, float]:
     """Cost of the readings of `chamber` if its sensor showed the simulated pressure so; the fitted number.
 
-    share: deviation of the common factor by which all ways may be wrong; the factor is fitted with that as its prior,
-    and so is one for what swelling did. A drift has begun earlier: what it had come to at the start, which the filter
-    took for pressure, is fitted as well, and what the filter had not followed yet.
+    share: deviation of the common factors by which all that was filled, and all that was vented, may be wrong; the
+    factors are fitted with that as their prior, and so is one for what swelling did. A drift has begun earlier: what it
+    had come to at the start, which the filter took for pressure, is fitted as well, and what the filter had not
+    followed yet.
     """
-    simulated_Pa, deviation_Pa, way_Pa, swelled_Pa, starts, normal = scratch
+    simulated_Pa, deviation_Pa = scratch.simulated_Pa, scratch.deviation_Pa
+    terms, known, normal = scratch.terms, scratch.known, scratch.normal
     scale = value if change == _SCALE else 1.0
-    count, usual, spread = 2, 0.0, _DRIFT_SPREAD * SENSOR_DRIFT_Pa_s
+    count, usual = _FACTORS, 0.0
+    known[0], known[1], known[2] = share, share, _SWELLING_SHARE
     if change == _OFFSET:
-        count = 3
+        count, known[3] = 4, _ANY_OFFSET_Pa
     elif change == _DRIFT:
-        count, usual = 5, _USUAL_DRIFT * SENSOR_DRIFT_Pa_s
+        count, usual = 6, USUAL_DRIFT * SENSOR_DRIFT_Pa_s
+        known[3], known[4], known[5] = _DRIFT_SPREAD * SENSOR_DRIFT_Pa_s, _DRIFTED_Pa, _START_ERROR_Pa
     for i in range(count):
         for j in range(count + 1):
             normal[i, j] = 0.0
-    normal[0, 0], normal[1, 1] = 1.0 / (share * share), 1.0 / (_SWELLING_SHARE * _SWELLING_SHARE)
-    if change == _OFFSET:
-        normal[2, 2] = 1e-12
-    elif change == _DRIFT:
-        normal[2, 2], normal[3, 3] = 1.0 / (spread * spread), 1.0 / _DRIFTED_Pa**2
-        normal[4, 4] = 1.0 / _START_ERROR_Pa**2
-    since_s = third = fourth = fifth = 0.0
+        normal[i, i] = 1.0 / (known[i] * known[i])
+    since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
         weight = 1.0 / (deviation_Pa[n] * deviation_Pa[n])
         off_Pa = weight * (window.reading_Pa[k, chamber] - offset_Pa - scale * simulated_Pa[n] - usual * since_s)
-        first, second = scale * way_Pa[n], scale * swelled_Pa[n]
-        normal[0, 0] += weight * first * first
-        normal[1, 0] += weight * second * first
-        normal[1, 1] += weight * second * second
-        normal[0, count] += first * off_Pa
-        normal[1, count] += second * off_Pa
-        if count > 2:
-            third = 1.0 if change == _OFFSET else since_s
-            normal[2, 0] += weight * third * first
-            normal[2, 1] += weight * third * second
-            normal[2, 2] += weight * third * third
-            normal[2, count] += third * off_Pa
-        if count > 3:
-            fourth, fifth = 1.0 - starts[n], starts[n]
-            normal[3, 0] += weight * fourth * first
-            normal[3, 1] += weight * fourth * second
-            normal[3, 2] += weight * fourth * third
-            normal[3, 3] += weight * fourth * fourth
-            normal[3, count] += fourth * off_Pa
-            normal[4, 0] += weight * fifth * first
-            normal[4, 1] += weight * fifth * second
-            normal[4, 2] += weight * fifth * third
-            normal[4, 3] += weight * fifth * fourth
-            normal[4, 4] += weight * fifth * fifth
-            normal[4, count] += fifth * off_Pa
+        _terms(terms, scratch, n, scale, change, since_s)
+        for i in range(count):
+            weighted = weight * terms[i]
+            for j in range(i + 1):
+                normal[i, j] += weighted * terms[j]
+            normal[i, count] += terms[i] * off_Pa
     for i in range(count):
         for j in range(i + 1, count):
             normal[i, j] = normal[j, i]
-    # what was free to be fitted explains something by itself
-    total = 0.5 * math.log(normal[0, 0] * share * share * normal[1, 1] * _SWELLING_SHARE * _SWELLING_SHARE)
-    if count > 3:
-        total += 0.5 * math.log(normal[2, 2] * spread * spread * normal[3, 3] * _DRIFTED_Pa**2)
+    total = 0.0
+    for i in range(count):  # what was free to be fitted explains something by itself
+        if i < _FACTORS or change == _DRIFT:
+            total += 0.5 * math.log(normal[i, i] * known[i] * known[i])
     _solve(normal, count)
-    factor = min(max(normal[0, count], -_MOST_SHARES * share), _MOST_SHARES * share)
-    swell = min(max(normal[1, count], -_MOST_SHARES * _SWELLING_SHARE), _MOST_SHARES * _SWELLING_SHARE)
-    total += 0.5 * (factor / share) ** 2 + 0.5 * (swell / _SWELLING_SHARE) ** 2
-    fitted = value if count == 2 else normal[2, count]
-    came = began = 0.0
-    if count > 3:
-        came, began = normal[3, count], normal[4, count]
-        total += 0.5 * (came / _DRIFTED_Pa) ** 2 + 0.5 * (began / _START_ERROR_Pa) ** 2 + 0.5 * (fitted / spread) ** 2
-        fitted += usual
+    for i in range(count):
+        if i < _FACTORS:
+            normal[i, count] = min(max(normal[i, count], -_MOST_SHARES * known[i]), _MOST_SHARES * known[i])
+        if i < _FACTORS or change == _DRIFT:
+            total += 0.5 * (normal[i, count] / known[i]) ** 2
     since_s = 0.0
     for n in range(since):
         k = (now - since + 1 + n) % KEPT
         since_s += window.step_s[k]
-        seen_Pa = scale * (simulated_Pa[n] + factor * way_Pa[n] + swell * swelled_Pa[n]) + offset_Pa
-        if count > 2:
-            seen_Pa += fitted * (1.0 if change == _OFFSET else since_s)
-        if count > 3:
-            seen_Pa += came * (1.0 - starts[n]) + began * starts[n]
+        seen_Pa = scale * simulated_Pa[n] + offset_Pa + usual * since_s
+        _terms(terms, scratch, n, scale, change, since_s)
+        for i in range(count):
+            seen_Pa += normal[i, count] * terms[i]
         total += _cost(window.reading_Pa[k, chamber] - seen_Pa, deviation_Pa[n])
-    return total, fitted
+    return total, value if count == _FACTORS else normal[3, count] + usual
+
+
+@part()
+def _terms(terms: FloatArray, scratch: Any, n: int, scale: float, change: int, since_s: float) -> None:
+    """What reading n depends on, for each thing that is fitted."""
+    terms[0], terms[1], terms[2] = (
+        scale * scratch.filled_Pa[n],
+        scale * scratch.vented_Pa[n],
+        scale * scratch.swelled_Pa[n],
+    )
+    if change == _OFFSET:
+        terms[3] = 1.0
+    elif change == _DRIFT:
+        terms[3], terms[4], terms[5] = since_s, 1.0 - scratch.start[n], scratch.start[n]
 
 
 @part()
@@ -325,9 +379,7 @@ def _share(window: Any, chamber: int, now: int, since: int) -> float:
 
 
 @part()
-def _other_valves(
-    gas: Gas, window: Any, chamber: int, now: int, since: int, noise_Pa: float, scratch: _Scratch
-) -> float:
+def _other_valves(gas: Gas, window: Any, chamber: int, now: int, since: int, noise_Pa: float, scratch: Any) -> float:
     """Cost of a healthy chamber whose valves are a little other than its filter has learnt."""
     offset_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
     _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
@@ -346,7 +398,7 @@ def _explained(
     m: int,
     severity: float,
     noise_Pa: float,
-    scratch: _Scratch,
+    scratch: Any,
 ) -> tuple[float, float]:
     """Cost of the readings if candidate m had struck `since` cycles ago, and the severity (fitted, for some)."""
     change = candidates.change[m]
@@ -372,7 +424,7 @@ def _explained(
 
 @part()
 def _swapped(
-    gas: Gas, window: Any, chamber: int, other: int, now: int, since: int, noise_Pa: float, scratch: _Scratch
+    gas: Gas, window: Any, chamber: int, other: int, now: int, since: int, noise_Pa: float, scratch: Any
 ) -> float:
     """Cost of this chamber's readings if its sensor and the other's were exchanged, less what that explains there."""
     share = _share(window, chamber, now, since)
@@ -397,18 +449,29 @@ def name_fault(
     candidates: Candidates,
     afresh: bool,
     verdict: Any,
+    scratch: Any,
 ) -> None:
     """Write into `verdict` what explains the chamber best at cycle `now`; the alarm was given at cycle `alarm`.
 
     oldest: the first cycle that the window holds of this run. afresh: search coarsely over onsets and severities first;
     otherwise go on from where the last verdict on this chamber found each kind best. Then the kinds that come near the
-    best are fitted each.
+    best are fitted each. scratch: a record of SCRATCH.
     """
-    scratch = _Scratch(np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty(KEPT), np.empty((5, 6)))
     longest = min(KEPT - 2, now - oldest)
-    healthy = np.full(KEPT, math.nan)
-    best, severity = np.full(COUNT, -math.inf), np.zeros(COUNT)
-    since, where = np.zeros(COUNT, np.int64), np.full(COUNT, chamber)
+    healthy, best, severity, since, where = (
+        scratch.healthy,
+        scratch.best,
+        scratch.severity,
+        scratch.since,
+        scratch.where,
+    )
+    for back in range(KEPT):
+        healthy[back] = math.nan
+    for m in range(COUNT):
+        best[m], severity[m], since[m], where[m] = -math.inf, 0.0, 0, chamber
+    if afresh:
+        verdict.growth_m3_Pa = _growth_m3_Pa(window, chamber)
+    scratch.growth_m3_Pa = verdict.growth_m3_Pa
     sound = 0.0  # evidence for a healthy chamber after all
     for o in range(ONSETS.shape[0] if afresh else 0):
         back = now - alarm + ONSETS[o]
@@ -521,12 +584,14 @@ def name_fault(
     verdict.confidence = 1.0 / total
 
 
-_DRIFTED_Pa, _START_ERROR_Pa = 2.5e3, 600.0
+_FACTORS, _ANY_OFFSET_Pa = 3, 1e6
+"""Factors that are always fitted, and the deviation of an offset of which nothing is known."""
+_DRIFTED_Pa, _START_ERROR_Pa = 2.5e3, 2e3
 """Deviation of what a drift may have come to before the window, and of what the filter had not followed."""
 _LEAST_OFFSET, _MOST_OFFSET = 0.08, 1.3
-_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = 0.05, 1.6, 0.3
+_LEAST_DRIFT, _MOST_DRIFT, _LEAST_DRIFT_S = -0.3, 1.6, 0.3
 """Severities of what is fitted to the readings, and how long a drift has to be watched."""
-_USUAL_DRIFT, _DRIFT_SPREAD = 0.6, 0.35
+USUAL_DRIFT, _DRIFT_SPREAD = 0.6, 0.35
 """Severity of a drift, and its deviation, before anything is fitted."""
 _NEAR, _FITTING_ROUNDS, _FOLLOWING_ROUNDS = 80.0, 12, 3
 """Evidence behind the best within which a kind is fitted, and how often its severity and onset are moved, at first and

@@ -27,6 +27,7 @@ from controllers import (
     compensation,
     detector_parts,
     estimation,
+    excitation,
     fault_answers,
     fault_candidates,
     fault_detection,
@@ -45,6 +46,7 @@ from controllers import (
 from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
 from controllers.estimation import follow_bend, follow_roll
+from controllers.excitation import excite
 from controllers.fault_answers import BLIND, FORBIDS_FROM, HOLDS_FROM, strength_left
 from controllers.fault_detection import detect, detections_of, forget_chamber
 from controllers.held_bend import bend_held, beside_held, free_bend, pinned
@@ -279,6 +281,10 @@ def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: fl
         _roll_on(parts, memory, estimate, lead, t_s)
     else:
         _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad), 1.0)
+    for i in range(CHAMBERS):
+        unclear = memory.detector.own[0].alarm[i] >= 0 or memory.detector.follower[i].busy
+        own.excited[i] = 1 if own.strength[i] > 0.0 or unclear else 0
+    excite(parts.excitation, parts.model.co_contraction_Pa, t_s, own.excited, own.setpoint_Pa)
 
 
 @part()
@@ -433,6 +439,8 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
         follow_roll(estimate, reading[0])
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
+        for i in range(CHAMBERS):
+            memory.detector.own[0].felt[i] = own.sighted[i]
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
         if parts.detects:
             watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
@@ -456,6 +464,7 @@ cycle = _compile(
         compensation,
         detector_parts,
         estimation,
+        excitation,
         fault_answers,
         fault_candidates,
         fault_detection,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from controllers.detector_parts import SILENT, DetectorMemory, DetectorParts, detector_memory, parts_of_detector
 from controllers.estimation import estimator_memory
+from controllers.excitation import Excitation
 from controllers.fault_answers import answers
 from controllers.proof import proof_memory
 from controllers.recovery import RECOVERY, RecoveryTuning
@@ -30,12 +31,14 @@ class SequencerParts(NamedTuple):
     model: RobotModel
     detector: DetectorParts
     detects: bool
+    """Whether faults are found at all: else `detector` is silent, and the roll is not watched."""
     recovers: bool
     lead_rad: float
     tuning: RecoveryTuning
     answers: FloatArray
     """`controllers.fault_answers.answers()`."""
     roll: RollParts
+    excitation: Excitation
 
 
 SEQUENCER = np.dtype(
@@ -61,6 +64,7 @@ SEQUENCER = np.dtype(
         ("used", np.float64, CHAMBERS),
         ("sighted", np.float64, CHAMBERS),
         ("held", np.float64, CHAMBERS),
+        ("excited", np.int64, CHAMBERS),
         ("setpoint_Pa", np.float64, CHAMBERS),
         ("wants_armed", np.bool_),
         ("answered", np.int64),
@@ -71,9 +75,9 @@ SEQUENCER = np.dtype(
 """What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
 distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
 `sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `held`: the bend over what rolling
-asks for that a chamber holds which cannot be vented; `rocking`: rolled back for a
-run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`: numbers of
-STRATEGIES taken in this cycle."""
+asks for that a chamber holds which cannot be vented; `excited`: whether it gets steps while it rests; `rocking`: rolled
+back for a run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`:
+numbers of STRATEGIES taken in this cycle."""
 
 
 class SequencerMemory(NamedTuple):
@@ -116,6 +120,8 @@ class SequencerConfig:
     bend_rad: float | None = None
     co_contraction_Pa: float = 0.0
     detection: bool = True
+    excitation_Pa: float = 0.0
+    excitation_period_s: float = 0.3
 
     @classmethod
     def of(
@@ -127,9 +133,13 @@ class SequencerConfig:
         bend_rad: float | None = None,
         co_contraction_Pa: float = 0.0,
         detection: bool = True,
+        excitation_Pa: float = 0.0,
+        excitation_period_s: float = 0.3,
     ) -> SequencerConfig:
         """Configuration for a robot file."""
-        return cls(robot, recovery, lead_rad, bend_rad, co_contraction_Pa, detection)
+        return cls(
+            robot, recovery, lead_rad, bend_rad, co_contraction_Pa, detection, excitation_Pa, excitation_period_s
+        )
 
     def parts(self) -> SequencerParts:
         """As compiled code takes it."""
@@ -143,4 +153,5 @@ class SequencerConfig:
             RecoveryTuning(),
             answers(),
             parts_of_roll(self.robot, detector.period_s),
+            Excitation(float(self.excitation_Pa), float(self.excitation_period_s)),
         )

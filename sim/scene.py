@@ -154,6 +154,12 @@ class SequencerTable(pydantic.BaseModel):
         0.8, gt=0, le=math.pi / 2, description="largest lead of the curvature ahead of the C, in radians"
     )
     co_contraction_Pa: float = Field(0.0, ge=0, le=1e8, description="pressure that every chamber keeps, in pascals")
+    excitation_Pa: float = Field(
+        0.0, ge=0, le=1e8, description="by which the pressure of resting chambers steps up and down, in pascals"
+    )
+    excitation_period_s: float = Field(
+        0.3, ge=0.04, le=1e3, description="in which each chamber gets one such step, in seconds"
+    )
 
 
 class Solver(pydantic.BaseModel):

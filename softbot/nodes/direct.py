@@ -52,6 +52,7 @@ from softbot.nodes.ideal_bus import (
     tell_readings,
 )
 from softbot.nodes.plant_node import board_limits
+from softbot.nodes.sequencer_node import sequencer_tuning
 from softbot.nodes.valve_loop import designed_gains, nominal_volumes_m3
 from softbot.robot import Robot
 from softbot.sensing import READINGS
@@ -256,17 +257,10 @@ cycles = _compile(
 
 
 @lru_cache(maxsize=16)
-def _known(robot: str, recovery: bool, lead_rad: float, bend_rad: float | None, both_Pa: float, detection: bool) -> Any:
+def _known(robot: str, tuning: tuple[tuple[str, Any], ...]) -> Any:
     """Controller and pressure loop of a robot file's text: the same for thousands of runs."""
     known = Robot.model_validate_json(robot)
-    parts = SequencerConfig.of(
-        known,
-        recovery=recovery,
-        lead_rad=lead_rad,
-        bend_rad=bend_rad,
-        co_contraction_Pa=both_Pa,
-        detection=detection,
-    ).parts()
+    parts = SequencerConfig.of(known, **dict(tuning)).parts()
     return parts, designed_gains(known), nominal_volumes_m3(known), bus_rules(board_limits(known))
 
 
@@ -301,11 +295,7 @@ class DirectRun:
         self.plant = Plant(scene.robot, twin, scene.fault, world_of(scene).gravity_vector_m_s2, scene.solver.seed)
         self.sequencer, gains, volumes, self._rules = _known(
             known.model_dump_json(by_alias=True, exclude_none=True),
-            own.recovery,
-            own.lead_rad,
-            own.bend_rad,
-            own.co_contraction_Pa,
-            own.detection,
+            tuple(sequencer_tuning(own).items()),
         )
         self.memory = sequencer_memory()
         self._bus = bus_memory()

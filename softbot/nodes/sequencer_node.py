@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from firmware_protocol import enumerations
 from firmware_protocol.enumerations import EmergencyReason, FaultKind, Health
 from firmware_protocol.frame import Frame
 from firmware_protocol.sequencer_link import LinkFailure, LinkState, SequencerLink
-from sim.scene import Scene
+from sim.scene import Scene, SequencerTable
 from softbot.faults import NO_CHAMBER
 from softbot.robot import Robot
 from softbot.sensing import Readings
@@ -47,21 +47,28 @@ class ChamberSequencer(Protocol):
         """One control cycle."""
 
 
+_TUNING = (
+    "recovery",
+    "lead_rad",
+    "bend_rad",
+    "co_contraction_Pa",
+    "detection",
+    "excitation_Pa",
+    "excitation_period_s",
+)
+
+
+def sequencer_tuning(table: SequencerTable) -> dict[str, Any]:
+    """What of a `[sequencer]` table is the sequencer's own (`SequencerConfig.of`), and no order."""
+    return {name: getattr(table, name) for name in _TUNING}
+
+
 def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer:
     """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table."""
     from controllers.sequencer import Sequencer
     from controllers.sequencer_parts import SequencerConfig
 
-    own = scene.sequencer
-    config = SequencerConfig.of(
-        known or scene.robot,
-        recovery=own.recovery,
-        lead_rad=own.lead_rad,
-        bend_rad=own.bend_rad,
-        co_contraction_Pa=own.co_contraction_Pa,
-        detection=own.detection,
-    )
-    return Sequencer(config)
+    return Sequencer(SequencerConfig.of(known or scene.robot, **sequencer_tuning(scene.sequencer)))
 
 
 class SequencerNode:

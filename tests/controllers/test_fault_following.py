@@ -10,7 +10,7 @@ from controllers.chamber_observer import INLET, OUTLET, STATES
 from controllers.fault_candidates import CANDIDATES, COUNT
 from controllers.fault_following import FOLLOWER, begin_following, follow, give_up, likeliest
 from controllers.fault_naming import KEPT, VERDICT, WINDOW
-from softbot.faults import KIND_CODES, FaultKind
+from softbot.faults import BALLOON_LOSS, KIND_CODES, BALLOON_VOLUME_1_Pa, FaultKind
 from softbot.pneumatics import PneumaticsParameters
 
 GAS = gas_of(PneumaticsParameters())
@@ -25,6 +25,7 @@ def followed(truth: FaultKind, severity: float, openings, seed: int):
     sound = np.zeros(STATES)
     sound[INLET] = sound[OUTLET] = 1.0
     verdict.best[:] = -1e3
+    window.felt[:] = 1.0
     for kind in PATHS:
         verdict.best[KIND_CODES[kind]] = 50.0
     for m in range(COUNT):
@@ -73,3 +74,57 @@ def test_an_empty_chamber_decides_nothing():
     before = follower.cost.copy()
     emptied = followed(FaultKind.BLOCKED_INLET, 0.8, (-1.0,) * 40, 4).cost
     np.testing.assert_array_equal(emptied, before)
+
+
+GROWTH_m3_Pa = 1.5e-10
+
+
+def filled(truth: FaultKind, severity: float, explanations: dict[FaultKind, float], seed: int):
+    """Follow a chamber that is filled and vented in turn, from its own severity, under explanations with theirs.
+
+    It grows with what its wall feels; a ballooning one gives way besides, and its wall feels the less.
+    """
+    random = np.random.default_rng(seed)
+    window, verdict, follower = (np.zeros(1, kind).view(np.recarray)[0] for kind in (WINDOW, VERDICT, FOLLOWER))
+    sound = np.zeros(STATES)
+    sound[INLET] = sound[OUTLET] = 1.0
+    window.felt[:] = 1.0
+    verdict.best[:], verdict.growth_m3_Pa = -1e3, GROWTH_m3_Pa
+    for m in range(COUNT):
+        for kind, guess in explanations.items():
+            if CANDIDATES.kind[m] == KIND_CODES[kind]:
+                verdict.best[CANDIDATES.kind[m]], verdict.onset[m], verdict.fitted[m] = 50.0, 1, guess
+    widening, wall, path = 0.0, 1.0, 1.0
+    if truth is FaultKind.BALLOONING:
+        widening, wall = severity * BALLOON_VOLUME_1_Pa, 1.0 - BALLOON_LOSS * severity
+    else:
+        path = 1.0 - severity
+    pressure, gauge = GAS.atmosphere_Pa, 0.0
+    begin_following(follower, CANDIDATES, verdict, sound, GAS.atmosphere_Pa, 0.0, 0.0, NOISE_Pa)
+    before = VOLUME_m3
+    for now in range(1, 301):
+        at, opening = now % KEPT, 0.4 if (now // 25) % 2 == 0 else -0.6
+        volume = VOLUME_m3 + GROWTH_m3_Pa * wall * gauge
+        supply = GAS.regulated_Pa + GAS.atmosphere_Pa
+        room = 1.0 + widening * (gauge + pressure)
+        swelling = (volume - before) / volume * (1.0 + widening * gauge) / room
+        pressure = next_pressure(GAS, 0, pressure, supply, opening, volume * room, swelling, path, path, 0.0, 0.01)[0]
+        before, shown, gauge = volume, gauge, max(pressure - GAS.atmosphere_Pa, 0.0)
+        window.step_s[at], window.supply[at] = 0.01, supply
+        window.opening[at, 0] = window.commanded[at, 0] = opening
+        window.reading_Pa[at, 0] = gauge + NOISE_Pa * random.standard_normal()
+        window.volume_m3[at, 0] = VOLUME_m3 + GROWTH_m3_Pa * shown  # as if it were sound
+        follow(follower, GAS, CANDIDATES, window, 0, now, NOISE_Pa)
+    return follower
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    ("truth", "severity"), [(FaultKind.BALLOONING, 0.9), (FaultKind.BALLOONING, 0.6), (FaultKind.KINKED_LINE, 0.5)]
+)
+def test_a_chamber_that_balloons_is_told_from_a_kinked_line_whose_severity_was_guessed_better(truth, severity, seed):
+    guesses = {FaultKind.BALLOONING: 0.7, FaultKind.KINKED_LINE: 0.45}
+    follower = filled(truth, severity, guesses, seed)
+    m, _ = likeliest(follower, CANDIDATES, KIND_CODES[FaultKind.LEAK])
+    assert CANDIDATES.kind[m] == KIND_CODES[truth]
+    assert follower.x[m, 1] == pytest.approx(severity, abs=0.12)  # its severity is followed too
