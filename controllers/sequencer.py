@@ -434,7 +434,8 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
         follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
         memory.detector.own[0].rests = own.state == _SAFE
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
+        if parts.detects:
+            watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])

@@ -29,6 +29,7 @@ class SequencerParts(NamedTuple):
 
     model: RobotModel
     detector: DetectorParts
+    detects: bool
     recovers: bool
     lead_rad: float
     tuning: RecoveryTuning
@@ -136,6 +137,7 @@ class SequencerConfig:
         return SequencerParts(
             robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
             detector,
+            bool(self.detection),
             bool(self.recovery),
             float(self.lead_rad),
             RecoveryTuning(),

@@ -236,12 +236,16 @@ class _Pool:
             self._progress(self._done)
 
 
+def interpreter_environment() -> dict[str, str]:
+    """Environment of an interpreter that is to import what this one can, on one thread."""
+    paths = [os.path.abspath(path) for path in sys.path]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **dict.fromkeys(ONE_THREAD, "1")}
+
+
 def _start() -> subprocess.Popen[bytes]:
-    paths = [os.path.abspath(path) for path in sys.path]  # so that what the caller can import can be here
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **dict.fromkeys(ONE_THREAD, "1")}
     command = [sys.executable, "-c", "from sim.run_many import serve; serve()"]
     try:
-        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=interpreter_environment())
     except OSError as error:
         raise SimulationError(f"no further process can be started: {error}; take processes = 1") from None
 

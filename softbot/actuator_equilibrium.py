@@ -67,7 +67,7 @@ def _solve_symmetric(matrix: FloatArray, first: float, second: float, third: flo
     return True
 
 
-@part()
+@kernel()
 def solve_strain(
     points: FloatArray,
     code: int,

@@ -9,9 +9,8 @@ Of numba this uses what `njit(pipeline_class=…)` is made for, and the names of
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from numba import njit
@@ -19,6 +18,7 @@ from numba.core import itanium_mangler, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.registry import CPUDispatcher
 from numba.core.typed_passes import NopythonTypeInference, PreLowerStripPhis
 from numba.core.types.misc import unliteral
 from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
@@ -76,10 +76,6 @@ def _symbol(name: str, arguments: Iterable[Any], *, abi_tags: tuple[str, ...] = 
     return str(itanium_mangler.mangle(name, (), abi_tags=(*abi_tags, digest), uid=uid))
 
 
-# what is called instead of a part that is called from Python: a TypeError
-_REFUSAL = int(ctypes.cast(ctypes.pythonapi.PyErr_BadArgument, ctypes.c_void_p).value or 0)
-
-
 class _KernelLibrary(JITCodeLibrary):
     """Code whose functions are simplified by one pass manager, where numba makes one for each that is only named."""
 
@@ -107,7 +103,7 @@ class _PartLibrary(_KernelLibrary):
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
-        return _REFUSAL
+        return 0  # _Part is called instead
 
     def _optimize_final_module(self) -> None:
         """Together with what it calls it is optimised where it is called."""
@@ -150,9 +146,23 @@ class PartCompiler(KernelCompiler):
     library = _PartLibrary
 
 
-def part(**options: Any) -> Any:
+class _Part(CPUDispatcher):
+    """A part. Called from Python it runs as Python, as what is only read and tested may."""
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        return self.py_func(*arguments, **keywords)
+
+
+def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`njit` for functions that only other kernels call."""
-    return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler, **options)
+    compiled = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=PartCompiler, **options)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = compiled(function)
+        dispatcher.__class__ = _Part
+        return dispatcher
+
+    return decorate
 
 
 def kernel(*, cache: bool = True, **options: Any) -> Any:

@@ -45,7 +45,7 @@ from softbot.faults import (
     SENSOR_OFFSET_Pa,
     WIDENING_1_Pa,
 )
-from softbot.kernel_compiler import kernel, part
+from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def faults_array(faults: Sequence[Fault]) -> FloatArray:
     return rows
 
 
-@part()
+@kernel()
 def _present(fault: FloatArray, t_s: float) -> float:
     """Share of a fault's severity that is there at a time, 0 … 1."""
     since_s = t_s - fault[_T]

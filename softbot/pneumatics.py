@@ -47,7 +47,7 @@ from softbot.faults import (
     PneumaticConditions,
     WIDENING_1_Pa,
 )
-from softbot.kernel_compiler import kernel, part
+from softbot.kernel_compiler import kernel
 
 GAS_CONSTANT_AIR_J_kg_K = 287.05
 REFERENCE_DENSITY_kg_m3 = 1.185  # ISO 6358-1: air at 100 kPa, 293.15 K, 65 % relative humidity
@@ -234,7 +234,7 @@ def valve_mass_flow(
     )[0]
 
 
-@part()
+@kernel()
 def _held_gas(capacity: float, widening: float, p: float, atmosphere: float) -> tuple[float, float]:
     """Gas that a chamber holds at an absolute pressure [kg], and its slope with it. See `_solve_chamber`."""
     over = p - atmosphere
@@ -243,7 +243,7 @@ def _held_gas(capacity: float, widening: float, p: float, atmosphere: float) -> 
     return capacity * p, capacity
 
 
-@part()
+@kernel()
 def _trapped_pressure(held: float, capacity: float, widening: float, atmosphere: float) -> float:
     """The absolute pressure at which a chamber holds so much gas: `_held_gas` inverted."""
     p = held / capacity

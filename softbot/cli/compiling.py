@@ -9,10 +9,14 @@ from typing import Any
 
 from softbot.cli.streams import messages
 
+OWN = ("softbot", "sim", "controllers")
+"""Packages with kernels."""
+
 
 @contextlib.contextmanager
 def told_of_compiling(waiting: str, compiling: str) -> Iterator[None]:
-    """Show `waiting` on a terminal while the inside runs, and `compiling` from when numba really compiles something.
+    """Show `waiting` on a terminal while the inside runs, and `compiling` from when numba really compiles something,
+    with the module that it has come to.
 
     numba tells of a compilation only when nothing usable is on disk. Where there is no terminal a plain line on
     standard error says it. From then on the inside runs without garbage collection, which took 6 % of the compiler's
@@ -24,17 +28,19 @@ def told_of_compiling(waiting: str, compiling: str) -> Iterator[None]:
     with console.status(waiting) as status:
 
         class Listener(event.Listener):
-            """Speaks up once."""
+            """Speaks up once, and on a terminal says where it is."""
 
             def __init__(self) -> None:
                 self.told = False
 
             def on_start(self, event: Any) -> None:
+                module = event.data["dispatcher"].py_func.__module__
+                if module.partition(".")[0] in OWN:  # and not numba's own
+                    status.update(f"{compiling} ({module})")
                 if self.told:
                     return
                 self.told = True
                 gc.disable()
-                status.update(compiling)
                 if console.quiet:
                     import typer
 

@@ -33,8 +33,7 @@ def perform(
     with held(folder), nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
         from softbot.cli.compiling import told_of_compiling
 
-        twin = "rod" if scene.solver.twin == "rod" else "segment"
-        with told_of_compiling("preparing", f"compiling the {twin} twin, once on this machine: up to a minute"):
+        with told_of_compiling("preparing", _what_is_compiled(scene)):
             prepare(scene)
         from softbot.nodes.run import paced, run_scene
 
@@ -51,6 +50,13 @@ def perform(
     print_outcome(folder, json=json)
 
 
+def _what_is_compiled(scene: Scene) -> str:
+    twin = "rod twin" if scene.solver.twin == "rod" else "segment twin"
+    if scene.drive.kind == "sequencer":
+        return f"compiling {twin}, plant and controller, once on this machine: about a minute"
+    return f"compiling the {twin}, once on this machine: about 20 seconds"
+
+
 def prepare(scene: Scene) -> None:
     """Import, check and compile what the run will use, so that it starts at once."""
     from sim.plan import GIVEN
@@ -60,7 +66,15 @@ def prepare(scene: Scene) -> None:
         from softbot.nodes.plant_node import board_limits
 
         board_limits(scene.robot)  # refuse what the board would refuse before anything is computed
-    warm_up(scene)
+    if scene.drive.kind == "sequencer":
+        from softbot.nodes.compiling_aside import sequencer_compiled_aside
+        from softbot.nodes.rehearsal import rehearse_sequencer
+
+        with sequencer_compiled_aside(scene):
+            warm_up(scene)
+        rehearse_sequencer(scene)
+    else:
+        warm_up(scene)
     if scene.drive.kind not in GIVEN:
         from softbot.nodes.valve_loop import designed_gains
 
