@@ -41,7 +41,7 @@ NOTHING, LEARNT, FOUND = range(3)
 _LEAST_NOISE_RAD = 0.004
 _DRIFT_RAD = 3e-4  # what the roll is off by more in a reading, beside the gyro's noise: pitch and yaw, scale
 _LEFT_OUT_TIME_S, _LEFT_OUT_RAD, _LEFT_OUT_SHARE = 0.1, 0.004, 0.2  # of m; its deviation always, and over the lean's
-_JERKS_TIME_S = 1.0
+_JERKS_TIME_S, _RATE_TIME_S = 1.0, 0.5
 _GRIP_KNOWN, _GRIP_CHANGES, _GRIP_MOST = 0.1, 0.1, 0.3  # deviation of γ at first, of its change in a second, at most
 _TELLS = 6.0  # deviations of a lean's noise, from which on it tells of the grip
 _JUMP_RAD_S = 0.5  # what a bias that is learnt anew may be: its deviation
@@ -72,10 +72,12 @@ class InertialTuning:
     """… and after which a bias that is not beyond is taken for what it is."""
     wild: float = 4.0
     """Deviations that one reading counts at most."""
-    slipping_grip: float = 0.55
+    slipping_grip: float = 0.45
     """A grip below it by `slipping_sure` deviations, for `slipping_readings` with a lean that tells, is lost."""
     slipping_sure: float = 3.0
     slipping_readings: int = 10
+    fastest_rad_s: float = 5.5
+    """Mean rate of the roll beyond which the grip is not judged: a robot that is jerked so much slips on any floor."""
     settle: int = 50
     """Readings at the start in which nothing is judged."""
 
@@ -103,6 +105,7 @@ class InertialParts(NamedTuple):
     slipping_grip: float
     slipping_sure: float
     slipping_readings: int
+    fastest_rad_s: float
     settle: int
 
 
@@ -113,6 +116,7 @@ INERTIAL = np.dtype(
         ("row", np.float64, STATES),
         ("last_t_s", np.float64),
         ("last_rad_s", np.float64),
+        ("mean_rad_s", np.float64),
         ("seen", np.int64),
         ("jerks_rad2", np.float64),
         ("innovation", np.float64),
@@ -127,9 +131,10 @@ INERTIAL = np.dtype(
     align=True,
 )
 """What the observer believes and remembers, as a record: states and their covariance, scratch, the last reading's time
-and rate, readings since the start or a long gap, the most (squared) that it has leant lately, the innovation over its
-deviation, the CUSUMs, readings since the alarm (−1: there is none), the mean square of the innovations since then,
-whether the gyro has been found biased; readings in which the grip was low, or has come back, and whether it is lost."""
+and rate, the mean rate, readings since the start or a long gap, the most (squared) that it has leant lately, the
+innovation over its deviation, the CUSUMs, readings since the alarm (−1: there is none), the mean square of the
+innovations since then, whether the gyro has been found biased; readings in which the grip was low, or has come back,
+and whether it is lost."""
 
 
 def inertial_memory() -> Any:
@@ -162,6 +167,7 @@ def parts_of_inertial(
         own.slipping_grip,
         own.slipping_sure,
         own.slipping_readings,
+        own.fastest_rad_s,
         own.settle,
     )
 
@@ -214,7 +220,7 @@ def _judge_grip(parts: InertialParts, own: Any) -> None:
     """Whether the grip is lost, by what it was before this reading."""
     margin = parts.slipping_sure * math.sqrt(own.covariance[GRIP, GRIP])
     changed = own.x[GRIP] - margin > parts.slipping_grip if own.slips else own.x[GRIP] + margin < parts.slipping_grip
-    own.slipping = own.slipping + 1 if changed else 0
+    own.slipping = own.slipping + 1 if changed and own.mean_rad_s < parts.fastest_rad_s else 0
     if own.slipping >= parts.slipping_readings:
         own.slips, own.slipping = not own.slips, 0
 
@@ -297,6 +303,7 @@ def observe_inertial(parts: InertialParts, own: Any, reading: Any, alive: bool, 
     lean = -parts.radius_m * (spin - own.last_rad_s) / (step_s * STANDARD_GRAVITY_M_S2) if steady else 0.0
     own.last_t_s, own.last_rad_s = reading.t_s, spin
     own.jerks_rad2 = max(lean * lean, own.jerks_rad2 * (1.0 - min(1.0, step_s / _JERKS_TIME_S)))
+    own.mean_rad_s += min(1.0, step_s / _RATE_TIME_S) * (abs(spin - own.x[BIAS]) - own.mean_rad_s)
     own.seen += 1
     if size <= _WEIGHTLESS:
         return NOTHING
