@@ -72,10 +72,10 @@ class InertialTuning:
     """… and after which a bias that is not beyond is taken for what it is."""
     wild: float = 4.0
     """Deviations that one reading counts at most."""
-    slipping_grip: float = 0.45
+    slipping_grip: float = 0.3
     """A grip below it by `slipping_sure` deviations, for `slipping_readings` with a lean that tells, is lost."""
     slipping_sure: float = 3.0
-    slipping_readings: int = 10
+    slipping_readings: int = 25
     fastest_rad_s: float = 5.5
     """Mean rate of the roll beyond which the grip is not judged: a robot that is jerked so much slips on any floor."""
     settle: int = 50
