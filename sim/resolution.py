@@ -368,6 +368,7 @@ def step_error(demand: Demand, step_s: float) -> float:
 
 
 _STRAIGHT_RAD = 2e-3
+_STICKS, _LEAVES = 1e-6, 0.05  # over ωR: a point that hardly slides; the first try to let it go
 _LEAST_RATIO, _LEAST_GAIN = 1e-3, 1e-15
 _FINE_HALF, _FINE_SPIN_HALF = 64, 24
 _BENDS = np.array([0.7, 0.8, 0.9, 1.0])
@@ -408,10 +409,19 @@ def slow_speed_of_sum(half_bend_rad: FloatArray, half: int, downhill: tuple[floa
             x, y = sine + speed[0], speed[1] - cosine
             size = np.maximum(np.hypot(x, y), 1e-12)  # at rest on the ground: a kink of the sum
             gradient = np.array([weights @ (x / size) + along, weights @ (y / size) + across])
-            cube = weights / size**3
-            xx, yy, xy = cube @ (y * y), cube @ (x * x), -(cube @ (x * y))
-            move = np.array([yy * gradient[0] - xy * gradient[1], xx * gradient[1] - xy * gradient[0]])
-            move /= -(xx * yy - xy * xy)
+            nearest = int(np.argmin(size))
+            if size[nearest] < _STICKS:  # there it is least where friction holds the point against all the others
+                stuck, weight = np.array([x[nearest], y[nearest]]) / size[nearest], weights[nearest]
+                others = gradient - weight * stuck
+                pull = float(np.hypot(*others))
+                if pull <= weight:
+                    break
+                move = -_LEAVES / pull * others
+            else:
+                cube = weights / size**3
+                xx, yy, xy = cube @ (y * y), cube @ (x * x), -(cube @ (x * y))
+                move = np.array([yy * gradient[0] - xy * gradient[1], xx * gradient[1] - xy * gradient[0]])
+                move /= -(xx * yy - xy * xy)
             if not np.abs(move).max() > 1e-12:
                 break
             for _ in range(30):
