@@ -101,7 +101,8 @@ def test_it_was_armed_by_the_handshake_and_only_then_pressurised(rolled: Rolled)
 
 def test_the_rupture_is_named_and_answered_by_reversing_the_curvature(rolled: Rolled) -> None:
     assert [(found["chamber"], found["kind"]) for found in rolled.summary["detections"]] == [(1, "rupture")]
-    assert 0.0 < rolled.summary["detections"][0]["delay_s"] < 1.0
+    # when on a wall clock the chamber's turn comes is chance: within a revolution, 2 s, and until then it is empty
+    assert 0.0 < rolled.summary["detections"][0]["delay_s"] < 2.5
     assert [answer["strategy"] for answer in rolled.summary["recoveries"]] == ["curvature_reversal"]
     assert (rolled.summary["false_alarms"], rolled.summary["missed_faults"]) == (0, 0)
 
