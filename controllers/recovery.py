@@ -170,6 +170,7 @@ def _rolls_back(line_rad: float, towards: int, roll_rad: float, bent: FloatArray
     """How much a reversal along this line would roll the robot back, before the C has flipped.
 
     What lies across the line does not flip with the C, and lingers: where it pushes back it has to be less than what
+    momentum carries the robot past (`carries` and `borne` of the tuning).
     """
     x, y = math.cos(line_rad), math.sin(line_rad)
     along = bent[0] * x + bent[1] * y

@@ -6,7 +6,8 @@
     stalled    rolling is wanted and does not happen: a dead chamber is needed and recovery is off (or too slow yet)
     degraded   a chamber is dead or weak: rolls on as `controllers.recovery` plans it with what is left …
     reversing  … while the curvature is being reversed, where a dead chamber would be needed
-    safe       a fault forbids rolling on, or what is left makes no way: vents and stays until it is ordered to stop
+    safe       a fault forbids rolling on, what is held cannot be bent back, or what is left makes no way: vents
+               and stays until it is ordered to stop
 
 Every quantity it acts on is estimated from the readings. It knows no bus and no twin. `cycle` is the whole of it in
 compiled code, over plain records; `Sequencer` wraps it for those who hold a robot file and a clock.

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from sim.arc_sums import slow_speed_of_sum
 from sim.resolution import (
     LEAST_STEPS_PER_TURN,
     MODES,
@@ -26,7 +27,6 @@ from sim.resolution import (
     modes_error,
     points_error,
     resolve,
-    slow_speed_of_sum,
     step_error,
 )
 from sim.scene import CONTROL_PERIOD_S, Scene, scene_from, steps_per_period
