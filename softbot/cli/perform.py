@@ -53,7 +53,7 @@ def perform(
 def _what_is_compiled(scene: Scene) -> str:
     twin = "rod twin" if scene.solver.twin == "rod" else "segment twin"
     if scene.drive.kind == "sequencer":
-        return f"compiling {twin}, plant and controller, once on this machine: about a minute"
+        return f"compiling {twin}, plant and controller, once on this machine: a minute or two"
     return f"compiling the {twin}, once on this machine: about 20 seconds"
 
 
