@@ -13,6 +13,9 @@ import hashlib
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from softbot.kernel_cache import KernelCache  # before numba
+
+# isort: split
 from numba import njit
 from numba.core import itanium_mangler, types
 from numba.core.codegen import JITCodeLibrary
@@ -167,4 +170,12 @@ def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 def kernel(*, cache: bool = True, **options: Any) -> Any:
     """`njit` for functions that Python calls."""
-    return njit(cache=cache, pipeline_class=KernelCompiler, **options)
+    compiled = njit(cache=cache, pipeline_class=KernelCompiler, **options)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = compiled(function)
+        if cache:
+            dispatcher._cache.__class__ = KernelCache
+        return dispatcher
+
+    return decorate

@@ -30,8 +30,9 @@ NOT_FOR_A_ROLL = {
     "can",
     "cantools",
     "fastcrc",
-    "scipy.optimize",
-    "scipy.interpolate",
+    "coverage",
+    "scipy.linalg",
+    "numba.np.arraymath",  # for compiling
     "pyarrow.dataset",
     "calib",
     "controllers",
@@ -41,8 +42,9 @@ NOT_FOR_A_ROLL = {
 
 
 def test_a_given_curvature_imports_only_what_it_needs() -> None:
-    done = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
+    for _ in range(2):  # the first may compile
+        done = subprocess.run([sys.executable, "-c", START], capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
     imported = set(done.stdout.rpartition("IMPORTED ")[2].split())
     assert "sim.rod" in imported
     assert sorted(imported & NOT_FOR_A_ROLL) == []
