@@ -6,11 +6,9 @@ spread over the four chambers is below 100 kPa. So once a chamber is seen to be 
 others take gas from the manifold and vent it, in turns, until the chamber is empty.
 
 A chamber is fed that has risen by `FED_Pa` over its lowest reading since its valve was last commanded to fill, whether
-that was in the safe state or before. In the safe state nothing else is wanted of the chambers, and it is relieved until
-it is empty. While setpoints are obeyed there is time for whoever names faults. Only where a chamber rises fast and
-holds much already (`FAST_Pa`, `ACTS_FROM`) it is relieved at once, for the `LONGEST_RUNNING` cycles in which a name can
-be found, and where it holds more than any is ever asked for (`FULL_FROM`) as long as it does. Not so while another
-chamber is commanded to fill and does not rise: then two sensors may have been exchanged.
+that was in the safe state or before. It is relieved in the safe state only, where nothing else is wanted of the
+chambers. While setpoints are obeyed whoever names faults has time for it, and a reading that rises against its command
+may be another chamber's: opened to the manifold by such readings, that one is brought over its limit.
 
 A board that has lost its current cannot do this; its valves fall into the safe state, and the manifold's gas stays.
 """
@@ -31,14 +29,6 @@ FED_Pa = 4e3
 """Rise over the lowest reading since the valve was last told to fill: eight deviations of a reading."""
 SETTLES = 3
 """Periods after a valve was last told to fill, before what its chamber does tells anything."""
-FAST_Pa, ACTS_FROM = 2.5e3, 0.6
-"""Rise in each of two periods, and share of the limit, from which a chamber is relieved while setpoints are obeyed."""
-FULL_FROM = 0.85
-"""Share of the limit from which it is, however slowly it rises."""
-LONGEST_RUNNING, WAITS_RUNNING = 6, 20
-"""Cycles for which it is then relieved at most, and for which it is not again."""
-FILLS, FOLLOWS_Pa = 0.1, 1e3
-"""Opening that has to raise a chamber's pressure, and by how much in two periods."""
 RELIEVED = 0.1
 """Share of the chambers' pressure limit below which a chamber need not be relieved (any more)."""
 TAKES_TO, SUPPLY_SHARE, VENTS_TO = 0.6, 0.7, 0.5
@@ -50,21 +40,16 @@ LONGEST_TAKING, SHORTEST_VENTING = 20, 5
 RELIEF = np.dtype(
     [
         ("lowest_Pa", np.float64, CHAMBER_COUNT),
-        ("last_Pa", np.float64, CHAMBER_COUNT),
-        ("rise_Pa", np.float64, CHAMBER_COUNT),
         ("not_filled", np.int64, CHAMBER_COUNT),
-        ("filled", np.int64, CHAMBER_COUNT),
-        ("running", np.int64),
         ("fed", np.int64, CHAMBER_COUNT),
         ("takes", np.int64, CHAMBER_COUNT),
         ("turn", np.int64, CHAMBER_COUNT),
     ],
     align=True,
 )
-"""What a board remembers for it, as a record: the lowest reading and the periods since each valve was told to fill; the
-last reading and by how much it had risen; periods for which setpoints have had each valve told to fill; cycles since
-relief began while setpoints were obeyed, 0 when it may begin; which chambers are fed (1), and of the others which take
-gas or wait for room (1), and for how many cycles they have taken it, or vented."""
+"""What a board remembers for it, as a record: the lowest reading and the periods since each valve was told to fill;
+which chambers are fed (1), and of the others which take gas or wait for room (1), and for how many cycles they have
+taken it, or vented."""
 
 
 def relief_memory() -> Any:
@@ -76,36 +61,22 @@ def relief_memory() -> Any:
 def relieve_manifold(
     memory: Any, measured_Pa: FloatArray, supply_Pa: float, limit_Pa: float, rests: bool, opening: FloatArray
 ) -> bool:
-    """One cycle: whether a chamber is being relieved. If so the main supply has to be shut, and `opening` (4,) is
-    changed to what the valves do.
+    """One cycle: whether a chamber is being relieved, in which case `opening` (4,) is changed to what the valves do.
 
     measured_Pa (4,), supply_Pa: gauge readings of this cycle; limit_Pa: of a chamber; rests: the board is in its safe
     state. opening (4,): as commanded otherwise. memory: shape (1,) of RELIEF.
     """
     own = memory[0]
-    fast, full, doubted = False, False, False
+    any_fed = False
     for i in range(CHAMBER_COUNT):
         shown = measured_Pa[i]
-        rise_Pa, before_Pa = shown - own.last_Pa[i], own.rise_Pa[i]
-        own.last_Pa[i], own.rise_Pa[i] = shown, rise_Pa
         if own.not_filled[i] < SETTLES or not shown >= own.lowest_Pa[i]:
             own.lowest_Pa[i] = shown
-        if not shown > RELIEVED * limit_Pa:  # where it is NaN too
+        if not (rests and shown > RELIEVED * limit_Pa):  # where it is NaN too
             own.fed[i] = 0
         elif shown - own.lowest_Pa[i] > FED_Pa:
             own.fed[i] = 1
-            full = full or shown > FULL_FROM * limit_Pa
-            fast = fast or (shown > ACTS_FROM * limit_Pa and min(rise_Pa, before_Pa) > FAST_Pa)
-        elif not rests:
-            own.fed[i] = 0
-        doubted = doubted or (own.filled[i] >= SETTLES and not rise_Pa + before_Pa > FOLLOWS_Pa)
-    if rests or (own.running == 0 and (doubted or not (fast or full))):
-        own.running = 0
-    elif full and not doubted:
-        own.running = 1
-    else:
-        own.running = (own.running + 1) % (LONGEST_RUNNING + WAITS_RUNNING)
-    any_fed = (rests or 0 < own.running <= LONGEST_RUNNING) and own.fed.max() > 0
+        any_fed = any_fed or own.fed[i] > 0
     ceiling_Pa = min(TAKES_TO * limit_Pa, SUPPLY_SHARE * supply_Pa)
     for i in range(CHAMBER_COUNT):
         if not any_fed:
@@ -120,5 +91,4 @@ def relieve_manifold(
                 own.turn[i] += 1
             opening[i] = 1.0 if own.takes[i] > 0 and room else -1.0
         own.not_filled[i] = own.not_filled[i] + 1 if opening[i] <= 0.0 else 0
-        own.filled[i] = own.filled[i] + 1 if opening[i] > FILLS and not any_fed else 0
     return any_fed

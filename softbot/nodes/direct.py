@@ -195,7 +195,7 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
                     valves.reference_Pa[i] = valves.model_Pa[i] = seen.pressure_Pa[i]
                     valves.integral_Pa_s[i] = 0.0
                     valves.opening[i] = -1.0
-            relieves = relieve_manifold(
+            relieve_manifold(
                 valves.relief, seen.pressure_Pa, seen.supply_Pa, rules.over_pressure_Pa, not obeys, valves.opening
             )
             tell_readings(rules, seen, valves.acted, heard_reading[0])
@@ -214,7 +214,7 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
                 hold,
                 no_rows,
                 valves.opening,
-                obeys and not relieves,
+                obeys,
                 cycle * steps,
                 steps,
             )

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.manifold_relief import LONGEST_RUNNING, LONGEST_TAKING, relief_memory, relieve_manifold
+from controllers.manifold_relief import LONGEST_TAKING, relief_memory, relieve_manifold
 
 LIMIT_Pa = 150e3
 SHUT = np.full(4, -1.0)
@@ -55,47 +55,13 @@ def test_a_chamber_that_was_told_to_fill_may_rise_until_its_valve_has_shut():
         assert not relieve(memory, pressure)[0]
 
 
-def test_while_setpoints_are_obeyed_a_slow_rise_is_left_to_others_until_the_safe_state():
+def test_while_setpoints_are_obeyed_nothing_is_changed_and_in_the_safe_state_it_is_known_at_once():
     memory = relief_memory()
-    for pressure in rising(20, step_Pa=1.5e3):
+    for pressure in rising(20, step_Pa=5e3):
         acts, valves = relieve(memory, pressure, rests=False)
         assert not acts
         np.testing.assert_array_equal(valves, SHUT)
-    assert relieve(memory, [2e3, 2e3, 91e3, 2e3])[0]  # in the safe state it is known at once
-
-
-def test_while_setpoints_are_obeyed_a_slow_rise_above_what_is_ever_asked_for_is_relieved_as_long_as_it_lasts():
-    memory = relief_memory()
-    acted = [relieve(memory, pressure, rests=False)[0] for pressure in rising(60, first_Pa=110e3, step_Pa=0.5e3)]
-    assert 30 <= acted.index(True) <= 40  # at 127.5 kPa
-    assert all(acted[acted.index(True) :])
-
-
-def test_while_setpoints_are_obeyed_a_fast_rise_of_a_full_chamber_is_relieved_for_a_while():
-    memory = relief_memory()
-    pressures = [*rising(8, first_Pa=85e3, step_Pa=4e3), *rising(20, first_Pa=113e3, step_Pa=0.0)]
-    done = [relieve(memory, pressure, rests=False) for pressure in pressures]
-    acted = [acts for acts, _ in done]
-    assert acted.index(True) <= 4
-    assert acted.count(True) == LONGEST_RUNNING
-    assert all(acted[acted.index(True) :][:LONGEST_RUNNING])
-    np.testing.assert_array_equal(done[acted.index(True)][1], [1.0, 1.0, -1.0, 1.0])
-
-
-def test_exchanged_sensors_are_not_taken_for_a_valve_that_sticks_open():
-    """Chamber 3 is told to fill and shows what chamber 2 does, which vents; chamber 2 shows chamber 3's rise."""
-    memory = relief_memory()
-    for k, pressure in enumerate(rising(20, first_Pa=85e3, step_Pa=4e3)):
-        pressure[3] = 60e3 - 2e3 * k
-        acts, valves = relieve(memory, pressure, rests=False, opening=[-1.0, -1.0, -1.0, 0.8])
-        assert not acts
-        np.testing.assert_array_equal(valves, [-1.0, -1.0, -1.0, 0.8])
-
-
-def test_a_reading_that_jumps_once_is_no_rise():
-    memory = relief_memory()
-    for pressure in [95e3] * 6 + [125e3] * 6:
-        assert not relieve(memory, [2e3, 2e3, pressure, 2e3], rests=False)[0]
+    assert relieve(memory, [2e3, 2e3, 160e3, 2e3])[0]
 
 
 def test_the_others_take_turns_and_never_take_more_than_they_have_room_for():
