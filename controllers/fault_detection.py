@@ -64,7 +64,7 @@ from controllers.interface import Detection
 from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
 from softbot import pneumatics
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
-from softbot.kernel_compiler import kernel, part
+from softbot.kernel_compiler import kernel, part, unit
 from softbot.kernel_stamp import kernel_stamp
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import READINGS, LEAST_READING_Pa, Readings, SensorParameters
@@ -494,7 +494,7 @@ def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
 
 
 def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel()
+    @unit(from_python=True)
     def detect(
         parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray
     ) -> bool:
