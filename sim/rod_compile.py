@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from softbot.kernel_compiler import part
+from softbot.kernel_compiler import part, unit
 from softbot.kernel_stamp import kernel_stamp
 
 # no nnan, ninf: the check for a finite state has to survive
@@ -16,6 +16,9 @@ FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 # for what is called from compiled code only
 inner = part(_nrt=False, fastmath=FAST_MATH)
+
+# the same, for what is compiled by itself
+apart = unit(_nrt=False, fastmath=FAST_MATH)
 
 
 def source_stamp() -> int:

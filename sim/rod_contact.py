@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rod_compile import inner
+from sim.rod_compile import apart, inner
 from sim.rod_ground import PLANE, profile_gap
 from sim.rod_memory import Contacts, Physics
 
@@ -57,7 +57,7 @@ def _share(
         share[i] = 1.0 if size <= most else most / size
 
 
-@inner
+@apart
 def find_contacts(
     h: float, theta: float, position: FloatArray, velocity: FloatArray, physics: Physics, contacts: Contacts,
     place_m: FloatArray, inverse_root: FloatArray, rate: FloatArray, foretold: FloatArray, ahead: FloatArray,
@@ -140,7 +140,7 @@ def find_contacts(
     return touching > 0.0
 
 
-@inner
+@apart
 def contact_rows(
     h: float, theta: float, physics: Physics, contacts: Contacts, root: FloatArray, inverse_root: FloatArray,
     rows: FloatArray, ahead: FloatArray, scratch: FloatArray,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.rod_algebra import combine_rows, dot, gather, solve_forward
-from sim.rod_compile import inner
+from sim.rod_compile import apart, inner
 from sim.rod_contact import ground_energy
 from sim.rod_memory import ALOFT, AUDITED, CEILING, CREATED, LARGEST, WORK, Contacts, Layout, Physics, State, Work
 from sim.rod_momentum import base_momentum, settle_base
@@ -78,7 +78,7 @@ def mechanical_energy_J(state: State, physics: Physics, rule: Rule, work: Work) 
     return 0.5 * dot(work.rate, work.rate) + elastic - missing - physics.mass_kg * fallen
 
 
-@inner
+@apart
 def audit_energy(state: State, physics: Physics, rule: Rule, contacts: Contacts, work: Work, layout: Layout) -> None:
     """Take out of the motion what energy the steps have made.
 

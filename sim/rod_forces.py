@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.rod_algebra import dot, integrate_three
-from sim.rod_compile import inner
+from sim.rod_compile import apart, inner
 from sim.rod_energy import softened_moment
 from sim.rod_rotation import roll_rate
 from sim.rod_rule import Rule
@@ -36,7 +36,7 @@ def strain_forces(
     off[1] -= (cosine - 1.0) * rest[1] + sine * rest[0]
 
 
-@inner
+@apart
 def accelerations(
     h: float, rotation: FloatArray, velocity: FloatArray, rate: FloatArray, stretch: float, stretch_rate: float,
     bend: float, rule: Rule, strain: FloatArray, section: FloatArray, triple: FloatArray, bias: FloatArray,

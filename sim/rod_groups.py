@@ -89,3 +89,5 @@ def compiled_carving(carve: Any, groups: tuple[Group, ...]) -> None:
             own.numbers, own.places = memory.data, places.data
             made.append(own._getvalue())
         return context.make_tuple(builder, signature.return_type, made)
+
+    carve.compiled_by = (code, _field)  # for `softbot.kernel_source`

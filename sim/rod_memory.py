@@ -288,8 +288,8 @@ def carve(memory: FloatArray, places: IntArray) -> tuple[Layout, State, Rule, Co
     return (layout, *groups)
 
 
-def _groups() -> tuple[Group, ...]:
-    """The same as compiled code takes them."""
+def carved_types() -> tuple[Group, ...]:
+    """The types of what `carve` gives in compiled code."""
     some = Layout(1, 1, 1, 1, 1, 1, 1, 1)
     groups = [Group("Layout", {name: (line, 0) for line, name in enumerate(Layout._fields)})]
     line = len(some)
@@ -302,7 +302,7 @@ def _groups() -> tuple[Group, ...]:
     return tuple(groups)
 
 
-compiled_carving(carve, _groups())
+compiled_carving(carve, carved_types())
 
 
 def rod_memory(layout: Layout) -> FloatArray:

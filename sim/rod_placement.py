@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.rod_algebra import copy_into, integrate_rows, integrate_three
-from sim.rod_compile import inner
+from sim.rod_compile import apart, inner
 from sim.rod_memory import Layout, Physics, State, Work
 from sim.rod_rotation import advance_rotation, bend_on, roll_rate
 from sim.rod_rule import Rule
@@ -65,7 +65,7 @@ def _place_sections(strain: FloatArray, rotation: FloatArray, rule: Rule, sectio
             section[2, 0, i], section[2, 1, i], section[2, 2, i] = c0, c1, c2
 
 
-@inner
+@apart
 def place_rod(state: State, physics: Physics, rule: Rule, work: Work, layout: Layout, ahead_s: float) -> None:
     """Place the rod where its velocity takes it in `ahead_s`, and fill the rows of G."""
     axes = work.section.shape[0]  # not written as 3: the compiler would unroll every loop, for longer than it saves

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.rod_compile import inner
+from sim.rod_compile import apart, inner
 from sim.rod_energy import curvature_squared, mechanical_energy_J
 from sim.rod_ground import profile_gap
 from sim.rod_memory import ALOFT, ASLEEP, KINKED, TIME, WORK, Layout, Physics, State, Work
@@ -27,7 +27,7 @@ def note_kink(strain: FloatArray, mode: FloatArray, softening_m2: float, flag: F
     return np.sqrt(greatest)
 
 
-@inner
+@apart
 def write_row(state: State, physics: Physics, rule: Rule, work: Work, layout: Layout, row: FloatArray) -> None:
     """The rod as it is placed now, with its rates, as a row of `sim.motion_rows`."""
     n, base = layout.points, layout.base

@@ -13,15 +13,19 @@ import hashlib
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from softbot.kernel_cache import KernelCache  # before numba
+from softbot.kernel_cache import KernelCache, Unit, units_of  # before numba
+from softbot.kernel_source import source_digest
 
 # isort: split
+from llvmlite import binding as llvm
 from numba import njit
 from numba.core import itanium_mangler, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.funcdesc import ExternalFunctionDescriptor, qualifying_prefix
 from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
 from numba.core.typed_passes import NopythonTypeInference, PreLowerStripPhis
 from numba.core.types.misc import unliteral
 from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
@@ -73,9 +77,19 @@ class _TypeInference(NopythonTypeInference):
             state.typingctx = context
 
 
+_UNITS: dict[str, str] = {}
+"""Digests of the source of units, by numba's names of their functions."""
+
+
 def _symbol(name: str, arguments: Iterable[Any], *, abi_tags: tuple[str, ...] = (), uid: Any = None) -> str:
-    """A function's name in the machine code: with a digest of its arguments' types, which have pages of names."""
+    """A function's name in the machine code: with a digest of its arguments' types, which have pages of names.
+
+    That of a unit is the same in all processes.
+    """
     digest = hashlib.sha256("; ".join(map(str, arguments)).encode()).hexdigest()[:16]
+    source = _UNITS.get(name.removeprefix(".NumbaEnv."))
+    if source is not None:
+        abi_tags, uid = (source,), None
     return str(itanium_mangler.mangle(name, (), abi_tags=(*abi_tags, digest), uid=uid))
 
 
@@ -89,12 +103,24 @@ class _KernelLibrary(JITCodeLibrary):
             if not function.is_declaration:
                 passes.run(function, builder)
 
+    def _finalize_final_module(self) -> None:
+        for unit in units_of(self):  # what is called has to be there before what calls it
+            unit.made()
+        super()._finalize_final_module()
+
 
 class _NotLoaded:
     """Where code is that was not loaded to be run."""
 
     def set_env(self, name: str, environment: Any) -> None:
         """Nothing to set."""
+
+
+def _unit_name(function: Any) -> str:
+    """numba's name of a unit's function."""
+    name = str(qualifying_prefix(function.__module__, function.__qualname__))
+    _UNITS[name] = source_digest(function)
+    return name
 
 
 class _PartLibrary(_KernelLibrary):
@@ -114,6 +140,19 @@ class _PartLibrary(_KernelLibrary):
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
+
+
+class _UnitLibrary(_KernelLibrary):
+    """Code that others call where it is."""
+
+    unit: Unit
+    _shared_module: Any
+
+    def _get_module_for_linking(self) -> Any:
+        self._ensure_finalized()
+        if self._shared_module is None:
+            self._shared_module = llvm.parse_assembly(str(self._codegen._create_empty_module(self.name)))
+        return self._shared_module
 
 
 class KernelCompiler(CompilerBase):
@@ -149,11 +188,90 @@ class PartCompiler(KernelCompiler):
     library = _PartLibrary
 
 
+class UnitCompiler(KernelCompiler):
+    """For what is compiled once and called by other kernels where it is."""
+
+    library = _UnitLibrary
+
+    def define_pipelines(self) -> list[Any]:
+        """One pipeline."""
+        made = super().define_pipelines()
+        function, state = self.state.func_id.func, self.state
+        _unit_name(function)
+        state.library.unit = Unit(function.__module__, function.__name__, tuple(state.args))
+        return made
+
+
 class _Part(CPUDispatcher):
     """A part. Called from Python it runs as Python, as what is only read and tested may."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
         return self.py_func(*arguments, **keywords)
+
+
+class _Promised:
+    """A unit that is being compiled elsewhere, as far as its callers need to know it."""
+
+    def __init__(self, function: Any, signature: Any, context: Any) -> None:
+        symbol = _symbol(_unit_name(function), signature.args)
+        self.signature, self.objectmode, self.entry_point = signature, False, self._not_here
+        self.unit = Unit(function.__module__, function.__name__, signature.args)
+        self.fndesc = ExternalFunctionDescriptor(symbol, signature.return_type, signature.args)
+        self._context = context
+        context.insert_user_function(self.entry_point, self.fndesc, [self])
+
+    def _not_here(self) -> None:
+        raise RuntimeError(f"{self.unit.name} was promised only")
+
+    # what numba asks of a library that is linked to another
+    _reload_init: frozenset[Any] = frozenset()
+
+    def _ensure_finalized(self) -> None:
+        pass
+
+    def _get_module_for_linking(self) -> Any:
+        return llvm.parse_assembly(str(self._context.codegen()._create_empty_module(self.unit.name)))
+
+
+class _Unit(CPUDispatcher):
+    """A unit. What is promised is not compiled here until it is needed, or the promise is not kept."""
+
+    @property
+    def _promises(self) -> dict[tuple[Any, ...], tuple[Any, Callable[[], object]]]:
+        promises: dict[tuple[Any, ...], Any] = self.__dict__.setdefault("promises", {})
+        return promises
+
+    def promise(self, signature: Any, wait: Callable[[], object]) -> None:
+        """Another process compiles this for a signature of numba's types, and `wait` returns when it has ended."""
+        self._promises[signature.args] = signature, wait
+
+    def compile(self, signature: Any) -> Any:
+        """For arguments of these types; or only noted, where it is promised."""
+        arguments, _ = normalize_signature(signature)
+        promised = self._promises.get(tuple(arguments))
+        if promised is None or tuple(arguments) in self.overloads:
+            return super().compile(signature)
+        self.overloads[tuple(arguments)] = _Promised(self.py_func, promised[0], self.targetctx)
+        return self.overloads[tuple(arguments)].entry_point
+
+    def made(self, arguments: tuple[Any, ...]) -> Any:
+        """What it is compiled to, at the latest now."""
+        promised = self._promises.pop(arguments, None)
+        if promised is not None:
+            promised[1]()
+            self.withdraw(arguments)
+        self.compile(arguments)
+        return self.overloads[arguments]
+
+    def withdraw(self, arguments: tuple[Any, ...]) -> None:
+        """Promise these no longer: where they are needed they are compiled here."""
+        self._promises.pop(arguments, None)
+        if isinstance(self.overloads.get(arguments), _Promised):
+            del self.overloads[arguments]
+
+
+class _InnerUnit(_Unit, _Part):
+    """A unit that Python does not call."""
 
 
 def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -170,12 +288,25 @@ def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 def kernel(*, cache: bool = True, **options: Any) -> Any:
     """`njit` for functions that Python calls."""
-    compiled = njit(cache=cache, pipeline_class=KernelCompiler, **options)
+    return _kept(njit(pipeline_class=KernelCompiler, **options), cache)
 
+
+def unit(*, from_python: bool = False, **options: Any) -> Any:
+    """`njit` for functions of a module that kernels call and do not take into their own code.
+
+    Such a function is compiled once, by itself (in another process, it may be), and kept on disk by itself.
+    from_python: whether Python calls it as well; else it runs there as Python.
+    """
+    alone = {} if from_python else {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return _kept(njit(pipeline_class=UnitCompiler, **alone, **options), True, _Unit if from_python else _InnerUnit)
+
+
+def _kept(compiled: Any, cache: bool, kind: type[CPUDispatcher] = CPUDispatcher) -> Callable[..., Any]:
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = compiled(function)
+        dispatcher.__class__ = kind
         if cache:
-            dispatcher._cache.__class__ = KernelCache
+            dispatcher._cache = KernelCache(function)
         return dispatcher
 
     return decorate

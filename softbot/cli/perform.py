@@ -66,15 +66,18 @@ def prepare(scene: Scene) -> None:
         from softbot.nodes.plant_node import board_limits
 
         board_limits(scene.robot)  # refuse what the board would refuse before anything is computed
+    from softbot.nodes.compiling_aside import ROD, SEQUENCER, compiled_aside
+
+    rod = (ROD,) if scene.solver.twin == "rod" else ()
     if scene.drive.kind == "sequencer":
-        from softbot.nodes.compiling_aside import sequencer_compiled_aside
         from softbot.nodes.rehearsal import rehearse_sequencer
 
-        with sequencer_compiled_aside(scene):
+        with compiled_aside(scene, SEQUENCER, *rod):
             warm_up(scene)
         rehearse_sequencer(scene)
     else:
-        warm_up(scene)
+        with compiled_aside(scene, *rod):
+            warm_up(scene)
     if scene.drive.kind not in GIVEN:
         from softbot.nodes.valve_loop import designed_gains
 

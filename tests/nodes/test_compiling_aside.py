@@ -11,7 +11,7 @@ import pytest
 from sim.scene import Scene, scene_from
 from softbot.kernel_compiler import kernel
 from softbot.nodes import compiling_aside
-from softbot.nodes.compiling_aside import sequencer_compiled_aside
+from softbot.nodes.compiling_aside import SEQUENCER, compiled_aside
 
 # says the scene's name in a file, then does what the test asks of it
 CHILD = """
@@ -49,7 +49,7 @@ def compile_something() -> int:
 
 
 def test_nothing_is_started_where_nothing_is_compiled(scene: Scene, started: list[Any]) -> None:
-    with sequencer_compiled_aside(scene):
+    with compiled_aside(scene, SEQUENCER):
         pass
     assert started == []
 
@@ -58,7 +58,7 @@ def test_one_process_is_given_the_scene_and_waited_for(
     scene: Scene, started: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(compiling_aside, "_CHILD", CHILD.format(str(tmp_path / "name"), "time.sleep(0.2)"))
-    with sequencer_compiled_aside(scene):
+    with compiled_aside(scene, SEQUENCER):
         assert compile_something() == 4
         assert compile_something() == 4
     assert [process.poll() for process in started] == [0]
@@ -69,7 +69,7 @@ def test_one_that_fails_is_no_matter(
     scene: Scene, started: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(compiling_aside, "_CHILD", "import sys; sys.exit(3)")
-    with sequencer_compiled_aside(scene):
+    with compiled_aside(scene, SEQUENCER):
         assert compile_something() == 4
     assert [process.poll() for process in started] == [3]
 
@@ -80,7 +80,7 @@ def test_it_ends_with_an_error_here(
     monkeypatch.setattr(compiling_aside, "_CHILD", CHILD.format(str(tmp_path / "name"), "time.sleep(600)"))
 
     def interrupted() -> None:
-        with sequencer_compiled_aside(scene):
+        with compiled_aside(scene, SEQUENCER):
             compile_something()
             raise KeyboardInterrupt
 
