@@ -67,7 +67,7 @@ from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKi
 from softbot.kernel_compiler import kernel, part, unit
 from softbot.kernel_stamp import kernel_stamp
 from softbot.pneumatics import PneumaticsParameters
-from softbot.sensing import READINGS, Readings, SensorParameters
+from softbot.sensing import READINGS, LEAST_READING_Pa, Readings, SensorParameters
 
 FloatArray = NDArray[np.float64]
 
@@ -76,7 +76,6 @@ _LONGEST_STEP = 1.5  # periods: beyond, a sampling was lost
 _FORGETTING_STEP = 10.0  # periods: beyond, suspicions are dropped
 _HELD_CYCLES = 4  # after a lost sampling, while the valves' lag is made up
 _SECOND_DIFFERENCE = 6.0  # variance of x(k) − 2 x(k−1) + x(k−2) over that of white x
-_BELOW_VACUUM_Pa = -6e3  # gauge: what no sound sensor of a robot in air reads
 _SENSOR_STUCK, _SENSOR_NOISE = KIND_CODES[FaultKind.SENSOR_STUCK], KIND_CODES[FaultKind.SENSOR_NOISE]
 _SENSOR_DROPOUT = KIND_CODES[FaultKind.SENSOR_DROPOUT]
 _LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
@@ -327,7 +326,7 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
         own.repeats[c] = 0
         own.owed_Pa[c] = 0.0
         own.varied[c] += 1
-    own.below[c] = own.below[c] + 1 if shown_Pa < _BELOW_VACUUM_Pa else 0
+    own.below[c] = own.below[c] + 1 if shown_Pa < LEAST_READING_Pa else 0
     bend_Pa = shown_Pa - 2.0 * own.last_Pa[c] + own.before_Pa[c]
     wild = bend_Pa * bend_Pa / (_SECOND_DIFFERENCE * parts.noise_Pa * parts.noise_Pa)
     own.noise[c] = max(0.0, own.noise[c] + min(wild, parts.noise_wildest) - parts.noise_allowance)

@@ -36,10 +36,13 @@ from softbot.errors import InputError
 from softbot.faults import CHAMBER_COUNT
 from softbot.kernel_compiler import kernel
 from softbot.pneumatics import PneumaticsParameters, valve_mass_flow
+from softbot.sensing import LEAST_READING_Pa
 
 INVERSION_HEAD_Pa = 2e3
 """The characteristic is inverted as if at least this pressure drove the flow: the inverse grows without
 bound at equal pressures, so below this head the loop is slower than designed instead of nervous."""
+
+_MORE_Pa = 10.0  # less than any sensor or bus resolves: equal numbers must not be told apart by their last bits
 
 OPERATING_OPENINGS = (-0.5, 0.0, 0.5)
 """Valve openings of the operating points: venting, holding, filling. Fully open the loop is saturated, not
@@ -252,14 +255,16 @@ def pressure_loop_step(
     Moves `reference_Pa` (the rate-limited setpoint), `model_Pa` (the pressure to be expected of it) and
     `integral_Pa_s` (k_i times the integral of the error, a rate [Pa/s]) in place and writes `opening` in
     [-1, 1]. Gauge pressures. A chamber whose setpoint or reading is not finite, or any with a supply
-    reading that is not, is vented.
+    reading that is not, is vented; so is one whose reading is below `LEAST_READING_Pa`. A chamber that is to be empty,
+    or reads more than it is asked for, is not filled, wherever the reference still is on its way down.
     """
     sample = packed[_SAMPLE]
     b = packed[_CRITICAL_RATIO]
     temperature = packed[_TEMPERATURE]
     atmosphere = packed[_ATMOSPHERE]
     for i in range(CHAMBER_COUNT):
-        if not (math.isfinite(setpoint_Pa[i]) and math.isfinite(measured_Pa[i]) and math.isfinite(supply_Pa)):
+        known = math.isfinite(setpoint_Pa[i]) and math.isfinite(measured_Pa[i]) and math.isfinite(supply_Pa)
+        if not (known and measured_Pa[i] >= LEAST_READING_Pa):
             reference_Pa[i] = model_Pa[i] = integral_Pa_s[i] = 0.0
             opening[i] = -1.0
             continue
@@ -275,8 +280,6 @@ def pressure_loop_step(
             continue
 
         error = model_Pa[i] - measured_Pa[i]
-        # Readings may stray below vacuum through a broken sensor: keep the characteristic's arguments
-        # meaningful.
         inside = max(measured_Pa[i] + atmosphere, INVERSION_HEAD_Pa)
         supply = max(supply_Pa + atmosphere, 2.0 * INVERSION_HEAD_Pa)
         integral = integral_Pa_s[i] + packed[_INTEGRAL] * sample * error
@@ -293,6 +296,8 @@ def pressure_loop_step(
             integral_Pa_s[i] = integral
         if abs(u) <= packed[_DEAD_OPENING]:
             u = 0.0
+        if wanted <= packed[_VENT_BELOW] or measured_Pa[i] > wanted + _MORE_Pa:
+            u = min(u, 0.0)
         opening[i] = min(max(u, -1.0), 1.0)
 
 

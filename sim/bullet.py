@@ -15,6 +15,7 @@ the friction of other bodies on a robot that has no Coulomb friction on the grou
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pybullet
@@ -35,7 +36,7 @@ from sim.chain import (
     rotation_of,
     rotation_vector,
 )
-from sim.scenery import NamedPose, add_bodies, add_ground, ground_at, ground_factor, pose_of, robot_factor
+from sim.scenery import NamedPose, add_bodies, add_ground, ground_at, ground_factor, move_step, pose_of, robot_factor
 from softbot.errors import InputError, SimulationError
 
 FloatArray = NDArray[np.float64]
@@ -140,6 +141,8 @@ class BulletTwin:
         self._force = np.zeros(self._size)
         self._outer = np.zeros(self._size)
         self._weight_N = np.outer(self._mass_kg, self._gravity_m_s2)
+        self._load_N = self._weight_N  # with what rests on the robot
+        self._friction_factor = 1.0
         self._drag = np.zeros((self._size, self._size))
         self._floats = self._world.ground == "none" and not self._bodies
         self._steps = 0
@@ -160,8 +163,8 @@ class BulletTwin:
             contactBreakingThreshold=0.1 * self._body.radius_m,
             physicsClientId=client,
         )
-        ground = add_ground(client, self._world, for_bodies=bool(self._bodies))
-        self._others = add_bodies(client, self._bodies, self._world, ground)
+        self._ground = add_ground(client, self._world, for_bodies=bool(self._bodies))
+        self._others = add_bodies(client, self._bodies, self._world, self._ground)
 
     def _build_robot(self) -> None:
         p, client = pybullet, self._client
@@ -440,6 +443,44 @@ class BulletTwin:
             pybullet.disconnect(physicsClientId=self._client)
             self._client = -1
 
+    @property
+    def alone(self) -> bool:
+        """Whether there are no other bodies."""
+        return not self._bodies
+
+    @property
+    def radius_m(self) -> float:
+        """Of the tube [m]."""
+        return self._body.radius_m
+
+    def contact_centres_m(self) -> FloatArray:
+        """Centres of the cross-sections that can touch the floor now, shape (segments, 3) [m]."""
+        centres = self._centre[:: self._halves].copy()
+        if self._stretches:
+            centres += 0.5 * self._part_length_m[0] * self._rotation[:: self._halves, :, 2]
+        return centres
+
+    def change_floor(self, friction_factor: float, payload_share: float) -> None:
+        """From now on: friction over that of the world; a weight on the robot over its own, without inertia."""
+        if self._floats:  # there is no floor, and nothing rests on what falls
+            return
+        self._friction_factor = friction_factor
+        for link in range(-1, len(self._links)):
+            pybullet.changeDynamics(
+                self._robot,
+                link,
+                lateralFriction=friction_factor * robot_factor(self._world),
+                physicsClientId=self._client,
+            )
+        # weight without inertia is gravity, where nothing else has any
+        self._load_N = (1.0 + payload_share) * self._weight_N
+        pybullet.setGravity(*((1.0 + payload_share) * self._gravity_m_s2).tolist(), physicsClientId=self._client)
+
+    def lay_kerb(self, height_m: float, riser_m: float) -> None:
+        """From now on the floor rises by `height_m` at y = `riser_m`, outwards; the world has a step somewhere."""
+        move_step(self._client, self._ground, self._world, height_m, riser_m)
+        self._world = replace(self._world, step_height_m=height_m, step_distance_m=riser_m)
+
     # ---------------------------------------------------------------- inside
 
     def _gather_outer_forces(self) -> None:
@@ -455,7 +496,7 @@ class BulletTwin:
             n, f, g = sign * contact[9], sign * contact[10], sign * contact[12]
             along, friction, across = contact[7], contact[11], contact[13]
             rows.append((x, y, z, *(n * along[k] + f * friction[k] + g * across[k] for k in range(3))))
-        weights = np.column_stack([self._centre, self._weight_N])
+        weights = np.column_stack([self._centre, self._load_N])
         acting = np.vstack([weights, rows]) if rows else weights
         generalised_forces(
             self._joint_kind,
@@ -529,7 +570,7 @@ class BulletTwin:
         """Drag of the floor in joint coordinates: each segment's lowest point slides through c·length."""
         self._drag[:, :] = 0.0
         radius_m = self._body.radius_m
-        drag_N_s_m = self._world.friction * self._body.length_m / self._segments
+        drag_N_s_m = self._friction_factor * self._world.friction * self._body.length_m / self._segments
         row = np.zeros((3, self._size))
         for b in range(0, len(self._mass_kg), self._halves):
             point = self._centre[b].copy()

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.body import Motion, Twin
+from sim.floor_faults import Floor
 from sim.plant_kernel import (
     DONE,
     HOLD,
@@ -30,25 +31,22 @@ from sim.plant_kernel import (
 from sim.rod import RodTwin
 from sim.rod_kernel import play
 from sim.sensors import Sensors
-from softbot.errors import InputError, SimulationError
-from softbot.faults import CHAMBER_COUNT, Fault, FaultKind
+from softbot.errors import SimulationError
+from softbot.faults import CHAMBER_COUNT, Fault
 from softbot.kernel_entry import entry
-from softbot.plant_conditions import FRICTION_FACTOR, KERB_SHARE, PAYLOAD_SHARE, PlantConditions, conditions_at
+from softbot.plant_conditions import PlantConditions
 from softbot.pneumatics import initial_state
 from softbot.robot import Robot
 from softbot.sensing import Readings
 
 FloatArray = NDArray[np.float64]
 
-ON_THE_FLOOR = frozenset({FaultKind.FRICTION_LOST, FaultKind.FRICTION_HIGH, FaultKind.PAYLOAD, FaultKind.OBSTACLE})
-"""Faults that act between robot and floor; they change from one control period to the next, not within one."""
-
 
 class Plant:
     """One robot with its pneumatics. `pressure_Pa` (5,): four chambers and the manifold, true gauge pressures.
 
     gravity_m_s2: its size, downwards, or the vector in the axes of the floor, shape (3,). Raises InputError for a fault
-    between robot and floor where the twin is no rod.
+    between robot and floor where the twin has other bodies about it.
     """
 
     def __init__(
@@ -143,60 +141,3 @@ class Plant:
     def read_sensors(self) -> Readings:
         """What the sensors say now; valves have no position sensor, so the board knows what it commanded."""
         return self.sensors.read(self.t_s, self.motion, self.pressure_Pa, self._commanded, self.conditions)
-
-
-_MOMENT_S = 1e-6
-_KERB_AHEAD = 1.0  # of the radius, from the robot's side to the kerb
-
-
-class Floor:
-    """What faults change between robot and floor: friction, a weight that rests on the robot, a kerb in its way."""
-
-    def __init__(self, conditions: PlantConditions, twin: Twin) -> None:
-        self._faults = tuple(fault for fault in conditions.faults if fault.kind in ON_THE_FLOOR)
-        if self._faults and not isinstance(twin, RodTwin):
-            raise InputError(
-                f"fault.kind = {str(self._faults[0].kind)!r}: only the rod twin alone on its floor can have that; "
-                'take solver.twin = "rod" and no other bodies'
-            )
-        self._rows, self._scratch = conditions.rows, conditions.packed.copy()
-        self._twin = twin
-        self._sound = twin._physics.friction if isinstance(twin, RodTwin) else 0.0
-        self._now = (1.0, 0.0)
-        self._kerb_lies = False
-
-    def changes_between(self, from_s: float, to_s: float) -> bool:
-        """Whether the floor may be another at `to_s` than at `from_s`; for a moment more, as times are rounded."""
-        return any(
-            fault.t_s - _MOMENT_S <= to_s
-            and (fault.period_s is not None or from_s <= fault.t_s + fault.ramp_s + _MOMENT_S)
-            for fault in self._faults
-        )
-
-    def lay(self, t_s: float) -> None:
-        """Make the floor what it is at `t_s`."""
-        if not self._faults or not isinstance(self._twin, RodTwin):
-            return
-        conditions_at(t_s, self._rows, self._scratch)
-        if self._scratch[KERB_SHARE] > 0.0 and not self._kerb_lies:
-            _lay_kerb(self._twin, float(self._scratch[KERB_SHARE]))
-            self._kerb_lies = True
-        now = (float(self._scratch[FRICTION_FACTOR]), float(self._scratch[PAYLOAD_SHARE]))
-        if now == self._now:
-            return
-        rod, self._now = self._twin, now
-        rod._physics = rod._physics._replace(friction=self._sound * now[0])
-        own = rod._physics
-        weight_N = now[1] * np.array([own.gravity_x_m_s2, own.gravity_y_m_s2, own.gravity_z_m_s2])
-        rod.push_N[:] = (rod._rule.root_mass**2)[:, None] * weight_N
-        rod.wake()
-
-
-def _lay_kerb(rod: RodTwin, share: float) -> None:
-    """A step of a share of the radius, a radius ahead of the robot on the side to which it rolls; it rises outwards."""
-    radius_m, motion = rod._physics.radius_m, rod.motion()
-    ahead = 1.0 if motion.mid_velocity_m_s[1] >= 0.0 else -1.0
-    front_m = float((ahead * rod.points()[0][1]).max()) + radius_m
-    riser_m = ahead * max(front_m + _KERB_AHEAD * radius_m, radius_m)
-    rod._physics = rod._physics._replace(ground_a_m=share * radius_m, ground_b_m=riser_m)
-    rod.wake()

@@ -133,6 +133,7 @@ class RodTwin:
         )
         self._layout = layout
         self._physics = _physics(body, world, ground, layout, step_s, tolerance, symmetric, stretches)
+        self._sound_friction = self._physics.friction
         self._memory, self._places = rod_memory(layout), places(layout)
         _, self._state, self._rule, self._contacts, self._work = carve(self._memory, self._places)
         sides = layout.points // layout.half
@@ -217,6 +218,28 @@ class RodTwin:
     def wake(self) -> None:
         """Rouse a sleeping robot: something outside it has changed."""
         self._state.flag[ASLEEP] = self._state.flag[RESTED] = 0.0
+
+    @property
+    def alone(self) -> bool:
+        """True: a rod by itself knows of no other bodies (`sim.rod_among_bodies`)."""
+        return True
+
+    def contact_centres_m(self) -> FloatArray:
+        """Centres of the cross-sections that touch now, shape (points, 3) [m]."""
+        return self.points()[0]
+
+    def change_floor(self, friction_factor: float, payload_share: float) -> None:
+        """From now on: friction over that of the world; a weight on the robot over its own, without inertia."""
+        own = self._physics
+        self._physics = own._replace(friction=self._sound_friction * friction_factor)
+        weight_N = payload_share * np.array([own.gravity_x_m_s2, own.gravity_y_m_s2, own.gravity_z_m_s2])
+        self.push_N[:] = self.point_mass_kg[:, None] * weight_N
+        self.wake()
+
+    def lay_kerb(self, height_m: float, riser_m: float) -> None:
+        """From now on the floor rises by `height_m` at y = `riser_m`, outwards; the world has a step somewhere."""
+        self._physics = self._physics._replace(ground_a_m=height_m, ground_b_m=riser_m)
+        self.wake()
 
     def halt(self) -> None:
         """Take away all speed, and with it the momentum: the robot stands still where it is."""

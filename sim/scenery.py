@@ -78,6 +78,13 @@ def add_ground(client: int, world: World, *, for_bodies: bool) -> list[int]:
     return made
 
 
+def move_step(client: int, ground: Sequence[int], world: World, height_m: float, riser_m: float) -> None:
+    """Let the step of a world that was made (`add_ground`) rise by another height, somewhere else, outwards."""
+    (_, half_m, half_depth_m), _ = _raised(world)  # as the box was made
+    centre_m = [0.0, riser_m + math.copysign(half_m, riser_m), height_m - half_depth_m]
+    pybullet.resetBasePositionAndOrientation(ground[1], centre_m, [0.0, 0.0, 0.0, 1.0], physicsClientId=client)
+
+
 def ground_at(world: World, point_m: FloatArray) -> tuple[float, FloatArray]:
     """Distance of a point from the ground [m], and the ground's normal there, shape (3,)."""
     x, y, z = (float(value) for value in point_m)

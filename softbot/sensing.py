@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+LEAST_READING_Pa = -6e3
+"""Gauge pressure below which no sound sensor of a chamber in air reads."""
+
 
 @dataclass(frozen=True)
 class SensorParameters:

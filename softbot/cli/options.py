@@ -26,6 +26,14 @@ Channel = Annotated[str, typer.Option(help="Channel of the bus, as python-can na
 Urgent = Annotated[
     bool, typer.Option("--real-time", help="Ask for real-time priority and for memory that is not swapped out.")
 ]
+SlowMotion = Annotated[
+    float,
+    typer.Option(
+        "--slow-motion",
+        metavar="TIMES",
+        help="Seconds of the clock that a second of the robot lasts, the same for both ends: for machines too slow.",
+    ),
+]
 BusFaultFile = Annotated[
     Path | None,
     typer.Option(

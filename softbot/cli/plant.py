@@ -6,7 +6,18 @@ from typing import Annotated
 
 import typer
 
-from softbot.cli.options import Assignments, BusFaultFile, Channel, Gui, Interface, Json, Out, SceneFile, Urgent
+from softbot.cli.options import (
+    Assignments,
+    BusFaultFile,
+    Channel,
+    Gui,
+    Interface,
+    Json,
+    Out,
+    SceneFile,
+    SlowMotion,
+    Urgent,
+)
 from softbot.nodes.deciding_board import DecidingBoard
 
 Board = Annotated[
@@ -26,6 +37,7 @@ def plant(
     real_time: Urgent = False,
     board: Board = DecidingBoard.PYTHON,
     bus_faults: BusFaultFile = None,
+    slow_motion: SlowMotion = 1.0,
 ) -> None:
     """Be the plant on a CAN bus.
 
@@ -68,6 +80,7 @@ def plant(
                 tell=say,
                 board=board,
                 bus_faults=bus_faults or (),
+                slow_motion=slow_motion,
             )
         (folder / "timing.json").write_text(json_format.dumps(asdict(run.timing), indent=2) + "\n", encoding="utf-8")
         write_report(folder)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softbot.cli.options import Assignments, BusFaultFile, Channel, Interface, Json, SceneFile, Urgent
+from softbot.cli.options import Assignments, BusFaultFile, Channel, Interface, Json, SceneFile, SlowMotion, Urgent
 
 if TYPE_CHECKING:
     from softbot.nodes.sequencer_node import SequencerNode
@@ -23,6 +23,7 @@ def sequence(
     json: Json = False,
     real_time: Urgent = False,
     bus_faults: BusFaultFile = None,
+    slow_motion: SlowMotion = 1.0,
 ) -> None:
     """Be the sequencer on a CAN bus.
 
@@ -54,6 +55,7 @@ def sequence(
             asked=asked,
             tell=say,
             bus_faults=bus_faults or (),
+            slow_motion=slow_motion,
         )
     say(str(run.timing))
     if json:

@@ -18,8 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers import manifold_relief
 from controllers import pressure_loop as pressure_loop_module
 from controllers.interface import STATES, STRATEGIES, Command, Detection, Order, Recovery
+from controllers.manifold_relief import relief_memory, relieve_manifold
 from controllers.pressure_loop import PressureLoopGains, pack_pressure_loop, pressure_loop_step
 from controllers.sequencer import cycle as sequencer_cycle
 from controllers.sequencer import give_order
@@ -73,6 +75,8 @@ class Valves(NamedTuple):
     """Commanded from this cycle on."""
     acted: FloatArray
     """Commanded until this cycle."""
+    relief: Any
+    """Memory of `controllers.manifold_relief`."""
 
 
 class Heard(NamedTuple):
@@ -191,6 +195,9 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
                     valves.reference_Pa[i] = valves.model_Pa[i] = seen.pressure_Pa[i]
                     valves.integral_Pa_s[i] = 0.0
                     valves.opening[i] = -1.0
+            relieve_manifold(
+                valves.relief, seen.pressure_Pa, seen.supply_Pa, rules.over_pressure_Pa, not obeys, valves.opening
+            )
             tell_readings(rules, seen, valves.acted, heard_reading[0])
             heard_reading[0].t_s = t_s
             own.armed = hear_board(rules, bus, cycle)
@@ -252,7 +259,9 @@ def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
 
 
 cycles = _compile(
-    kernel_stamp(ideal_bus, plant_kernel, pressure_loop_module, rod_groups, rod_memory, sensors, __file__)
+    kernel_stamp(
+        ideal_bus, manifold_relief, plant_kernel, pressure_loop_module, rod_groups, rod_memory, sensors, __file__
+    )
 )
 
 
@@ -299,9 +308,9 @@ class DirectRun:
         )
         self.memory = sequencer_memory()
         self._bus = bus_memory()
-        four = (np.zeros(CHAMBER_COUNT) for _ in range(5))
+        reference, model, integral, opening, acted = (np.zeros(CHAMBER_COUNT) for _ in range(5))
         packed = pack_pressure_loop(self.gains or gains, known.pneumatics, volumes)
-        self._valves = Valves(packed, *four)
+        self._valves = Valves(packed, reference, model, integral, opening, acted, relief_memory())
         self.heard = Heard(np.zeros((_MOST_EVENTS, 4)), np.zeros((_MOST_EVENTS, 2)), np.zeros(2, dtype=np.int64))
         self._readings = np.zeros(1, READINGS).view(np.recarray), np.zeros(1, READINGS).view(np.recarray)
         self._steps = steps_per_period(twin.step_s)

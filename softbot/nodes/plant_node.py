@@ -84,12 +84,13 @@ class PlantNode:
         readings = self.plant.read_sensors()
         decision = self.rules.tick(t_s, readings.pressure_Pa.tolist())
         self._command_Pa = np.array(decision.setpoints_Pa)
-        self._main_supply_open = decision.main_supply_open
         if decision.safe:
             self._opening = _VENTING
             self._valves.rest(readings.pressure_Pa)
         else:
             self._opening = self._valves.openings(self._command_Pa, readings)
+        self._opening = self._valves.relieved(self._opening, decision.safe, readings)
+        self._main_supply_open = decision.main_supply_open
         self._recorder.stop_clock()
         return self.rules.outgoing(t_s) + self.rules.measurements(
             t_s,

@@ -1,4 +1,4 @@
-"""The valve board's pressure loop for one robot: nominal volumes, designed gains, and the loop itself.
+"""The valve board's pressure loop for one robot: nominal volumes, designed gains, the loop, and relief beside it.
 
 Designing the gains takes seconds, so they are kept in the user's cache folder (`XDG_CACHE_HOME`, else `~/.cache`)
 under a name made from everything they depend on: pneumatics, volumes, period, and the source of the design itself. A
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers import pressure_loop
+from controllers.manifold_relief import relief_memory, relieve_manifold
 from controllers.pressure_loop import PressureLoop, PressureLoopDesign, PressureLoopGains, design_pressure_loop
 from sim.scene import CONTROL_PERIOD_S
 from softbot import pneumatics
@@ -30,14 +31,24 @@ FloatArray = NDArray[np.float64]
 
 
 class ValveLoop:
-    """The pressure loop of one robot as open-loop runs want it (`sim.run.ValveController`)."""
+    """The pressure loop of one robot as open-loop runs want it (`sim.run.ValveController`), and as a board has it."""
 
     def __init__(self, robot: Robot, gains: PressureLoopGains | None = None) -> None:
+        self._limit_Pa, self._relief = robot.pneumatics.max_chamber_pressure_Pa, relief_memory()
         self._loop = PressureLoop(gains or designed_gains(robot), robot.pneumatics, nominal_volumes_m3(robot))
 
     def openings(self, setpoint_Pa: FloatArray, readings: Readings) -> FloatArray:
         """Valve openings (4,), −1 … +1, for setpoints (4,) [Pa gauge]. One call a control period."""
         return self._loop.step(setpoint_Pa, readings.pressure_Pa, readings.supply_Pa)
+
+    def relieved(self, opening: FloatArray, rests: bool, readings: Readings) -> FloatArray:
+        """The openings (4,), changed where a chamber fills in the safe state (`rests`): `controllers.manifold_relief`.
+
+        One call a control period.
+        """
+        opening = opening.copy()
+        relieve_manifold(self._relief, readings.pressure_Pa, readings.supply_Pa, self._limit_Pa, rests, opening)
+        return opening
 
     def rest(self, measured_Pa: FloatArray) -> None:
         """Forget the past: the valves were not the loop's, and the pressures (4,) are what they are now."""

@@ -3,6 +3,8 @@
 Each end is one loop at the control period; what it sends, heartbeats included, comes from that loop itself, so a
 process that hangs falls silent and the other end sees it. A stop that is asked for (`stop`, set by a signal) vents the
 robot before the bus is closed: the plant latches its safe state and shows it, the sequencer disarms the board.
+In slow motion a second of the robot lasts several of the clock, for both ends and all their time-outs alike: what a
+machine that is too slow, or away too often, can keep up with.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -57,6 +60,7 @@ LONGEST_CATCH_UP = 100
 BUS_LOST_S = 2.0
 """How long the plant, vented, waits for a bus that failed."""
 _POLL_FAULTS_EVERY = 20  # cycles
+MOST_SLOW_MOTION = 1000.0
 DISARMING_S = 0.1
 """How long the sequencer says disarm before it falls silent: five frames of it."""
 
@@ -67,7 +71,7 @@ def silent(_sentence: str) -> None:
 
 @dataclass(frozen=True)
 class RealTime:
-    """How a node kept time: its loop, and the message that it answers, from its arrival to the answer.
+    """How a node kept time, by the clock: its loop, and the message that it answers, from its arrival to the answer.
 
     The plant answers setpoints by its valves, the sequencer measurements by setpoints.
     """
@@ -114,6 +118,7 @@ def run_plant(
     watch: Callable[[PlantNode], None] = lambda node: None,
     board: DecidingBoard = DecidingBoard.PYTHON,
     bus_faults: BusFaults = (),
+    slow_motion: float = 1.0,
 ) -> PlantRun:
     """Valve board and robot on a bus, for the scene's duration or until `stop` is set.
 
@@ -122,17 +127,19 @@ def run_plant(
     the run. `urgent` asks for real-time priority. Whenever `asked` is set, `tell` is given how the loop keeps time;
     `watch` is shown the node in each cycle once the valves are set. `board` is the implementation of the board's rules
     that decides. `bus_faults` strike this end of the bus: given, or a file of them, which may be edited in the run.
+    `slow_motion`: seconds of the clock that a second of the robot lasts, the same at both ends.
     Raises InputError for a scene that cannot be run, BusError when the bus cannot be opened, SimulationError when the
     simulation or the bus fails in the run; what was recorded is kept.
     """
     stop = stop or threading.Event()
     check_drive(scene, "plant")
+    check_slow_motion(slow_motion)
     board_limits(scene.robot)
     warm_up(scene)
     rehearse_plant(scene, gains, board)
     with contextlib.ExitStack() as stack:
         tell_granted(stack.enter_context(real_time(urgent)), tell)
-        bus = stack.enter_context(open_live(interface, channel, bus_faults, scene.solver.seed))
+        bus = stack.enter_context(open_live(interface, channel, bus_faults, scene.solver.seed, slow_motion))
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
         recorder = Recorder(scene, run_dir)
@@ -141,14 +148,14 @@ def run_plant(
         outcome = "done"
         failure: SimulationError | None = None
         lost: LostBus | None = None
-        end = BusEnd(bus, "SequencerSetpoints", trace, bus_faults, tell)
+        end = BusEnd(bus, "SequencerSetpoints", trace, bus_faults, tell, slow_motion)
         last = samples_of(scene)
         done = 0
         while done < last:
             if stop.is_set() and outcome == "done":
                 outcome, last = "interrupted", min(last, done + round(VENTING_S / CONTROL_PERIOD_S))
                 node.vent()
-            t_s = end.loop.wait()
+            t_s = end.wait()
             try:
                 done += catch_up(node, min(end.loop.missed_now, last - 1 - done))
                 lost = exchange_or_vent(end, node, t_s, lost)
@@ -184,24 +191,30 @@ def run_sequencer(
     asked: threading.Event | None = None,
     tell: Callable[[str], None] = silent,
     bus_faults: BusFaults = (),
+    slow_motion: float = 1.0,
 ) -> SequencerRun:
     """The sequencer on a bus, until `stop` is set, `duration_s` is over or the link fails after it was armed.
 
-    `report` is shown the node after each cycle; `urgent`, `asked`, `tell` and `bus_faults` are as for the plant.
+    `report` is shown the node after each cycle; `urgent`, `asked`, `tell`, `bus_faults` and `slow_motion` are
+    as for the plant; `duration_s` is the robot's.
     Raises InputError for a scene that no sequencer drives, BusError when the bus cannot be opened, SimulationError when
     the sequencer or the bus fails on the way (the board is told to stop first, where that is possible).
     """
     stop = stop or threading.Event()
     check_drive(scene, "sequence")
+    check_slow_motion(slow_motion)
     if sequencer is None:
         rehearse_sequencer(scene)
     node = SequencerNode(scene, sequencer)
-    with real_time(urgent) as granted, open_live(interface, channel, bus_faults, scene.solver.seed) as bus:
+    with (
+        real_time(urgent) as granted,
+        open_live(interface, channel, bus_faults, scene.solver.seed, slow_motion) as bus,
+    ):
         tell_granted(granted, tell)
-        end = BusEnd(bus, LAST_MEASUREMENT, None, bus_faults, tell)
+        end = BusEnd(bus, LAST_MEASUREMENT, None, bus_faults, tell, slow_motion)
         ends_s: float | None = None
         while True:
-            t_s = end.loop.wait()
+            t_s = end.wait()
             try:
                 end.exchange(t_s, node.cycle, node.link.report_bus)
             except BusError as error:
@@ -266,6 +279,7 @@ class BusEnd:
         trace: TraceWriter | None,
         bus_faults: BusFaults,
         tell: Callable[[str], None],
+        slow_motion: float,
     ) -> None:
         self._faulty: FaultyBus | None = None
         self._fault_file: FaultFile | None = None
@@ -276,11 +290,16 @@ class BusEnd:
                 from firmware_protocol.bus_faults import FaultFile
 
                 self._fault_file = FaultFile(bus_faults, self._faulty, tell)
-        self.loop = FixedRate(CONTROL_PERIOD_S)
+        self._slow_motion = slow_motion
+        self.loop = FixedRate(CONTROL_PERIOD_S * slow_motion)
         self._bus, self._trace = bus, trace
         self._meter = MessageMeter(answered)
         self._controller = ControllerState()
         self._cycles = 0
+
+    def wait(self) -> float:
+        """Sleep until the next cycle; its time, the robot's [s]."""
+        return self.loop.wait() / self._slow_motion
 
     def exchange(
         self, t_s: float, cycle: Callable[[float, list[Frame]], list[Frame]], report_bus: Callable[..., None]
@@ -315,8 +334,13 @@ class BusEnd:
 
 
 @contextlib.contextmanager
-def open_live(interface: str, channel: str, bus_faults: BusFaults = (), seed: int = 0) -> Iterator[can.BusABC]:
-    """A bus, with its faults, whose time stamps are the machine's wall clock where it can be asked for that."""
+def open_live(
+    interface: str, channel: str, bus_faults: BusFaults = (), seed: int = 0, slow_motion: float = 1.0
+) -> Iterator[can.BusABC]:
+    """A bus, with its faults, whose time stamps are the machine's wall clock where it can be asked for that.
+
+    The faults' time is the robot's.
+    """
     given: tuple[BusFault, ...] = ()
     if bus_faults:
         from firmware_protocol.bus_faults import FaultyBus, read_bus_faults
@@ -327,7 +351,7 @@ def open_live(interface: str, channel: str, bus_faults: BusFaults = (), seed: in
         if not bus_faults:
             yield bus
             return
-        faulty = FaultyBus(bus, given, seed=seed)
+        faulty = FaultyBus(bus, given, seed=seed, clock=lambda: time.monotonic() / slow_motion)
         try:
             yield faulty
         finally:
@@ -341,6 +365,12 @@ def check_drive(scene: Scene, command: str) -> None:
             f'{scene.name}: drive.kind = "{scene.drive.kind}" has no sequencer, so `softbot {command}` has nothing to '
             'do; take a scene with drive.kind = "sequencer", or simulate this one with `softbot run`'
         )
+
+
+def check_slow_motion(times: float) -> None:
+    """Raises InputError for a time that does not pass, goes backwards, or is faster than the clock."""
+    if not 1.0 <= times <= MOST_SLOW_MOTION:
+        raise InputError(f"--slow-motion {times:g}: give a number from 1 (the clock's time) to {MOST_SLOW_MOTION:g}")
 
 
 def tell_granted(granted: Granted, tell: Callable[[str], None]) -> None:

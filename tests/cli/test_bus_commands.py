@@ -77,6 +77,14 @@ def test_bus_faults_that_cannot_be_end_with_2(softbot: Any, scene_file: Path, co
     assert "faults.toml: bus_fault.0.kind = 'moths'" in result.stderr
 
 
+@pytest.mark.parametrize("times", ["0.5", "nan", "inf"])
+@pytest.mark.parametrize("command", ["plant", "sequence"])
+def test_a_motion_that_is_not_slow_ends_with_2(softbot: Any, scene_file: Path, command: str, times: str) -> None:
+    result = softbot(command, scene_file, *VIRTUAL, "--slow-motion", times)
+    assert result.exit_code == 2
+    assert f"--slow-motion {times}: give a number from 1" in result.stderr
+
+
 @pytest.mark.parametrize("command", ["plant", "sequence"])
 def test_a_scene_without_a_sequencer_ends_with_2(softbot: Any, scene_file: Path, command: str) -> None:
     scene_file.write_text(

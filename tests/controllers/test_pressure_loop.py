@@ -323,6 +323,25 @@ def test_reading_that_is_not_a_number_vents_its_chamber_only(design):
     np.testing.assert_array_equal(loop.step([50e3] * 4, [0] * 4, math.inf), [-1] * 4)
 
 
+def test_reading_below_vacuum_vents_its_chamber_only(design):
+    """A broken wire: without this the loop fills the chamber with all it has."""
+    loop = PressureLoop(design.gains, PARAMETERS, VOLUME_m3)
+    for _ in range(40):
+        opening = loop.step([60e3] * 4, [20e3, -10e3, 20e3, 20e3], 250e3)
+    assert opening[1] == -1.0
+    assert min(opening[0], opening[2], opening[3]) > 0.5
+
+
+@pytest.mark.parametrize(("wanted_Pa", "shown_Pa"), [(0.0, 40e3), (50e3, 51e3), (0.0, 1e3)])
+def test_a_reference_on_its_way_down_fills_no_chamber_that_is_there_already(design, wanted_Pa, shown_Pa):
+    loop = PressureLoop(design.gains, PARAMETERS, VOLUME_m3)
+    loop.reset([100e3] * 4)
+    for _ in range(10):
+        opening = loop.step([wanted_Pa] * 4, [shown_Pa] * 4, 250e3)
+        assert loop.reference_Pa[0] > shown_Pa
+        assert opening.max() <= 0.0
+
+
 def test_broken_readings_of_any_size_give_finite_openings(design):
     loop = PressureLoop(design.gains, PARAMETERS, VOLUME_m3)
     for reading in (-1e9, -101325.0, 0.0, 250e3, 1e9):

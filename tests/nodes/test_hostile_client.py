@@ -124,17 +124,38 @@ def test_a_second_client_that_floods_the_board_only_vents_it(attack: Attack) -> 
     assert float(attack.node.plant.pressure_Pa[:4].max()) < 5e3
 
 
+STUCK = '[{t_s = 0.9, chamber = 1, kind = "stuck_open", severity = 1.0}]'
+
+
 def test_a_supply_valve_that_sticks_open_gets_no_more_than_the_manifold_holds(
     make_scene: MakeScene, gains: PressureLoopGains
 ) -> None:
-    """The board shuts the main supply at its limit; what the manifold still holds flows on (docs/safety.md)."""
-    fault = '[{t_s = 0.9, chamber = 1, kind = "stuck_open", severity = 1.0}]'
-    attack = Attack(make_scene(f"fault={fault}"), gains)
-    attack.run(2.0, lambda t_s, chamber: HIGHEST_ON_THE_BUS_Pa)
-    attack.twin.close()
-    print(f"stuck open: {1e-3 * attack.highest_Pa:.1f} kPa at most")
-    assert attack.node.rules.transitions[-1].reason is SafeReason.OVER_PRESSURE
+    """All chambers full and nobody who names faults: the board shuts the main supply at its limit (docs/safety.md)."""
+    attack = Attack(make_scene(f"fault={STUCK}"), gains)
+    attack.run(1.2, lambda t_s, chamber: HIGHEST_ON_THE_BUS_Pa)
+    print(f"stuck open, all full: {1e-3 * attack.highest_Pa:.1f} kPa at most")
+    assert SafeReason.OVER_PRESSURE in [each.reason for each in attack.node.rules.transitions]
     assert attack.node.rules.state.safe
     # 100 ml at 250 kPa shared with a chamber that holds 150 kPa in 45 to 60 ml: about 215 kPa, and the gas that came in
-    # until the valve was shut; with the main supply left open it would be 250 kPa.
-    assert attack.highest_Pa < 230e3
+    # until the valve was shut. The others have to be vented before they can take any of it.
+    assert attack.highest_Pa < 200e3
+    attack.run(3.0, lambda t_s, chamber: 0.0)
+    attack.twin.close()
+    assert attack.node.plant.pressure_Pa.max() < 0.15 * attack.node.rules.limits.over_pressure_Pa  # manifold and all
+
+
+def test_a_supply_valve_that_sticks_open_is_relieved_through_the_other_chambers(
+    make_scene: MakeScene, gains: PressureLoopGains
+) -> None:
+    """Disarmed as soon as a sequencer would have named it, with 90 kPa in the chamber and nothing in the others."""
+    attack = Attack(make_scene(f"fault={STUCK}"), gains)
+    attack.run(0.97, lambda t_s, chamber: 90e3 if chamber == 1 else 0.0)
+    assert attack.node.plant.pressure_Pa[1] > 100e3
+    attack.link.disarm()
+    attack.run(2.5, lambda t_s, chamber: 0.0)
+    attack.twin.close()
+    limit_Pa = attack.node.rules.limits.over_pressure_Pa
+    print(f"stuck open, one full: {1e-3 * attack.highest_Pa:.1f} kPa at most")
+    assert attack.highest_Pa < limit_Pa
+    assert SafeReason.OVER_PRESSURE not in [each.reason for each in attack.node.rules.transitions]
+    assert attack.node.plant.pressure_Pa.max() < 0.15 * limit_Pa

@@ -33,6 +33,9 @@ from softbot.nodes.wall_clock import run_plant, run_sequencer, sequencer_report,
 
 MakeScene = Callable[..., Scene]
 
+SLOW_MOTION = 8.0
+"""Of the runs in which something has to come in time: other tests have the machine as well."""
+
 
 class Thread(threading.Thread):
     """A thread whose result or error is handed on by `finish`."""
@@ -64,14 +67,20 @@ def test_both_ends_meet_on_a_bus_and_stop_when_told(
     stop_plant, stop_sequencer = threading.Event(), threading.Event()
     sequencer = scripted((50e3, 0.0, 0.0, 0.0), script={0.5: (2, "leak")})
     channel = "wall-clock-both"
-    plant = Thread(lambda: run_plant(scene, "virtual", channel, tmp_path, stop=stop_plant, gains=gains))
-    other = Thread(lambda: run_sequencer(scene, "virtual", channel, stop=stop_sequencer, sequencer=sequencer))
+    plant = Thread(
+        lambda: run_plant(scene, "virtual", channel, tmp_path, stop=stop_plant, gains=gains, slow_motion=SLOW_MOTION)
+    )
+    other = Thread(
+        lambda: run_sequencer(
+            scene, "virtual", channel, stop=stop_sequencer, sequencer=sequencer, slow_motion=SLOW_MOTION
+        )
+    )
     plant.start()
     other.start()
     deadline_s = time.monotonic() + 40.0
     while (sequencer.armed_since_s is None or sequencer.script) and time.monotonic() < deadline_s:
         time.sleep(0.05)
-    time.sleep(0.4)
+    time.sleep(0.3 * SLOW_MOTION)
     stop_sequencer.set()
     sequenced = other.finish()
     stop_plant.set()
@@ -113,10 +122,14 @@ def test_a_plant_that_falls_silent_ends_the_sequencer(
         if sequencer.armed_since_s is not None:
             raise Gone
 
-    other = Thread(lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=sequencer))
+    other = Thread(
+        lambda: run_sequencer(scene, "virtual", "wall-clock-silent", sequencer=sequencer, slow_motion=SLOW_MOTION)
+    )
     other.start()
     with pytest.raises(Gone):
-        run_plant(scene, "virtual", "wall-clock-silent", gains=gains, progress=die_once_it_is_armed)
+        run_plant(
+            scene, "virtual", "wall-clock-silent", gains=gains, progress=die_once_it_is_armed, slow_motion=SLOW_MOTION
+        )
     assert other.finish().link_failure in (LinkFailure.BOARD_SILENT, LinkFailure.MEASUREMENTS_MISSING)
 
 
@@ -134,12 +147,18 @@ def test_a_sequencer_that_fails_stops_the_board_and_says_why(
 ) -> None:
     scene = make_scene("solver.duration_s=30")
     stop = threading.Event()
-    plant = Thread(lambda: run_plant(scene, "virtual", "wall-clock-failing", stop=stop, gains=gains))
+    plant = Thread(
+        lambda: run_plant(scene, "virtual", "wall-clock-failing", stop=stop, gains=gains, slow_motion=SLOW_MOTION)
+    )
     plant.start()
     with opened("virtual", "wall-clock-failing", preserve_timestamps=False) as listener:
         with pytest.raises(SimulationError, match="the sequencer failed: no bend"):
             run_sequencer(
-                scene, "virtual", "wall-clock-failing", sequencer=scripted(script={0.2: ZeroDivisionError("no bend")})
+                scene,
+                "virtual",
+                "wall-clock-failing",
+                sequencer=scripted(script={0.2: ZeroDivisionError("no bend")}),
+                slow_motion=SLOW_MOTION,
             )
         stop.set()
         plant.finish()
@@ -211,6 +230,7 @@ def test_a_bus_that_breaks_is_a_failed_run_that_keeps_its_recording(
             tmp_path,
             gains=gains,
             watch=lambda node: openings.append(node.valves),
+            slow_motion=SLOW_MOTION,
         )
     assert read_telemetry(tmp_path).num_rows == 60  # the robot vents to the end of the scene
     assert all((opening == -1.0).all() and not supply for opening, supply in openings[21:])
@@ -234,6 +254,7 @@ def test_a_bus_that_comes_back_finds_the_board_latched(
         "virtual",
         "wall-clock-back",
         gains=gains,
+        slow_motion=SLOW_MOTION,
         watch=lambda node: reasons.append(node.rules.state.reason),
     )
     assert run.result.summary["outcome"] == "done"
@@ -252,6 +273,7 @@ def test_a_plant_with_a_faulty_end_of_the_bus_latches_for_it(make_scene: MakeSce
         "wall-clock-faulty",
         gains=gains,
         bus_faults=faults,
+        slow_motion=SLOW_MOTION,
         watch=lambda node: reasons.append(node.rules.state.reason),
     )
     assert run.result.summary["outcome"] == "done"
@@ -282,6 +304,27 @@ def test_the_sequencer_reads_its_faults_from_a_file_and_is_told_of_changes(
         report=edit,
     )
     assert told == ["faults of the bus from now on: silence"]
+
+
+def test_in_slow_motion_a_second_of_the_robot_lasts_several_of_the_clock(
+    make_scene: MakeScene, scripted: Any, gains: PressureLoopGains
+) -> None:
+    times: list[float] = []
+    start_s = time.monotonic()
+    run = run_sequencer(
+        make_scene(),
+        "virtual",
+        "wall-clock-slow",
+        duration_s=0.2,
+        sequencer=scripted(),
+        report=lambda node: times.append(time.monotonic() - start_s),
+        slow_motion=3.0,
+    )
+    assert times[-1] - times[0] >= 3.0 * 0.2  # and 0.1 s to disarm
+    assert run.timing.loop.period_s == pytest.approx(0.03)
+    plant = run_plant(make_scene("solver.duration_s=0.3"), "virtual", "wall-clock-slow", gains=gains, slow_motion=3.0)
+    assert plant.result.summary["sim_time_s"] == pytest.approx(0.3)
+    assert plant.timing.loop.period_s == pytest.approx(0.03)
 
 
 def test_the_robot_moves_on_while_its_board_is_held_up(make_scene: MakeScene, gains: PressureLoopGains) -> None:

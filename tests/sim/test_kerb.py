@@ -91,16 +91,6 @@ def test_two_obstacles_and_other_grounds_are_refused() -> None:
         make_plan(scene_of(KERB, ground="step"))
 
 
-def test_the_segment_twin_refuses_it() -> None:
-    scene = scene_of(KERB, twin="bullet")
-    twin = make_twin(scene)
-    try:
-        with pytest.raises(InputError, match="only the rod twin"):
-            Plant(scene.robot, twin, scene.fault, 9.81, 0)
-    finally:
-        twin.close()
-
-
 @pytest.mark.parametrize("fields", [{"ramp_s": 1.0}, {"period_s": 1.0}])
 def test_an_obstacle_neither_grows_nor_comes_and_goes(fields: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="leave both out"):

@@ -1,0 +1,93 @@
+"""Relief of the manifold through the chambers: what a valve board does about a chamber that fills against its command.
+
+A supply valve that sticks open joins its chamber to the manifold. Shutting the main supply alone leaves the manifold's
+gas, which has no other way to go: 100 ml at 250 kPa bring a chamber of 55 ml from 100 to 200 kPa. But the same gas
+spread over the four chambers is below 100 kPa. So once a chamber is seen to be fed, the main supply is shut and the
+others take gas from the manifold and vent it, in turns, until the chamber is empty.
+
+It is done in the safe state only, where nothing else is wanted of the chambers; one that rises against its command
+while setpoints are obeyed may be one whose sensor shows another's pressure. A chamber is fed that has risen by `FED_Pa`
+over its lowest reading since its valve was last commanded to fill, whether that was in the safe state or before.
+
+A board that has lost its current cannot do this; its valves fall into the safe state, and the manifold's gas stays.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softbot.faults import CHAMBER_COUNT
+from softbot.kernel_compiler import kernel
+
+FloatArray = NDArray[np.float64]
+
+FED_Pa = 4e3
+"""Rise over the lowest reading since the valve was last told to fill: eight deviations of a reading."""
+SETTLES = 3
+"""Periods after a valve was last told to fill, before what its chamber does tells anything."""
+RELIEVED = 0.1
+"""Share of the chambers' pressure limit below which a chamber need not be relieved (any more)."""
+TAKES_TO, SUPPLY_SHARE, VENTS_TO = 0.6, 0.7, 0.5
+"""A chamber takes gas up to this share of the limit, or of the manifold's pressure where that is less, and then vents
+down to this share of that."""
+LONGEST_TAKING, SHORTEST_VENTING = 20, 5
+"""Cycles for which a chamber takes gas at most and then vents at least, whatever its sensor shows."""
+
+RELIEF = np.dtype(
+    [
+        ("lowest_Pa", np.float64, CHAMBER_COUNT),
+        ("not_filled", np.int64, CHAMBER_COUNT),
+        ("fed", np.int64, CHAMBER_COUNT),
+        ("takes", np.int64, CHAMBER_COUNT),
+        ("turn", np.int64, CHAMBER_COUNT),
+    ],
+    align=True,
+)
+"""What a board remembers for it, as a record: the lowest reading and the periods since each valve was told to fill,
+which chambers are fed (1), and of the others which take gas or wait for room (1), and for how many cycles they have
+taken it, or vented."""
+
+
+def relief_memory() -> Any:
+    """Memory of a board that has read nothing, shape (1,) of RELIEF."""
+    return np.zeros(1, RELIEF).view(np.recarray)
+
+
+@kernel()
+def relieve_manifold(
+    memory: Any, measured_Pa: FloatArray, supply_Pa: float, limit_Pa: float, rests: bool, opening: FloatArray
+) -> bool:
+    """One cycle: whether a chamber is being relieved, in which case `opening` (4,) is changed to what the valves do.
+
+    measured_Pa (4,), supply_Pa: gauge readings of this cycle; limit_Pa: of a chamber; rests: the board is in its safe
+    state. opening (4,): as commanded otherwise. memory: shape (1,) of RELIEF.
+    """
+    own = memory[0]
+    any_fed = False
+    for i in range(CHAMBER_COUNT):
+        shown = measured_Pa[i]
+        if own.not_filled[i] < SETTLES or not shown >= own.lowest_Pa[i]:
+            own.lowest_Pa[i] = shown
+        if not (rests and shown > RELIEVED * limit_Pa):  # where it is NaN too
+            own.fed[i] = 0
+        elif shown - own.lowest_Pa[i] > FED_Pa:
+            own.fed[i] = 1
+        any_fed = any_fed or own.fed[i] > 0
+    ceiling_Pa = min(TAKES_TO * limit_Pa, SUPPLY_SHARE * supply_Pa)
+    for i in range(CHAMBER_COUNT):
+        if not any_fed:
+            own.takes[i], own.turn[i] = 1, 0
+        elif own.fed[i] == 0:
+            room = measured_Pa[i] < ceiling_Pa  # no room where it is NaN
+            if own.takes[i] > 0 and (own.turn[i] >= LONGEST_TAKING or (own.turn[i] > 0 and not room)):
+                own.takes[i], own.turn[i] = 0, 0
+            elif own.takes[i] == 0 and own.turn[i] >= SHORTEST_VENTING and measured_Pa[i] < VENTS_TO * ceiling_Pa:
+                own.takes[i], own.turn[i] = 1, 0
+            if own.takes[i] == 0 or room:
+                own.turn[i] += 1
+            opening[i] = 1.0 if own.takes[i] > 0 and room else -1.0
+        own.not_filled[i] = own.not_filled[i] + 1 if opening[i] <= 0.0 else 0
+    return any_fed

@@ -1,0 +1,112 @@
+"""Relief of the manifold, over readings that are given."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controllers.manifold_relief import LONGEST_TAKING, relief_memory, relieve_manifold
+
+LIMIT_Pa = 150e3
+SHUT = np.full(4, -1.0)
+
+
+def relieve(memory, pressure_Pa, *, supply_Pa=248e3, rests=True, opening=SHUT):
+    """One cycle: whether a chamber is relieved, and the openings."""
+    valves = np.array(opening, dtype=float)
+    acts = relieve_manifold(memory, np.array(pressure_Pa, dtype=float), supply_Pa, LIMIT_Pa, rests, valves)
+    return acts, valves
+
+
+def rising(cycles, *, chamber=2, first_Pa=60e3, step_Pa=5e3):
+    for k in range(cycles):
+        pressure = np.full(4, 2e3)
+        pressure[chamber] = first_Pa + k * step_Pa
+        yield pressure
+
+
+def test_a_chamber_that_fills_in_the_safe_state_is_relieved_through_the_others():
+    memory = relief_memory()
+    done = [relieve(memory, pressure) for pressure in rising(8)]
+    assert not done[0][0]
+    assert done[-1][0]
+    np.testing.assert_array_equal(done[-1][1], [1.0, 1.0, -1.0, 1.0])
+
+
+@pytest.mark.parametrize("step_Pa", [0.0, -2e3])
+def test_chambers_that_vent_or_hold_are_left_open_to_the_atmosphere(step_Pa):
+    memory = relief_memory()
+    for pressure in rising(40, first_Pa=90e3, step_Pa=step_Pa):
+        acts, valves = relieve(memory, pressure)
+        assert not acts
+        np.testing.assert_array_equal(valves, SHUT)
+
+
+def test_a_chamber_that_was_told_to_fill_may_rise_until_its_valve_has_shut():
+    memory = relief_memory()
+    filling = np.array([-1.0, -1.0, 1.0, -1.0])
+    for pressure in rising(10, first_Pa=20e3):
+        assert not relieve(memory, pressure, rests=False, opening=filling)[0]
+    for pressure in rising(2, first_Pa=70e3):
+        assert not relieve(memory, pressure)[0]
+
+
+def test_while_setpoints_are_obeyed_nothing_is_changed():
+    memory = relief_memory()
+    for pressure in rising(20):
+        acts, valves = relieve(memory, pressure, rests=False)
+        assert not acts
+        np.testing.assert_array_equal(valves, SHUT)
+    assert relieve(memory, [2e3, 2e3, 160e3, 2e3])[0]  # in the safe state it is known at once
+
+
+def test_the_others_take_turns_and_never_take_more_than_they_have_room_for():
+    memory = relief_memory()
+    for pressure in rising(8):
+        relieve(memory, pressure)
+    full = [95e3, 20e3, 110e3, 20e3]
+    acts, valves = relieve(memory, full)
+    assert acts
+    np.testing.assert_array_equal(valves, [-1.0, 1.0, -1.0, 1.0])
+    assert relieve(memory, full, supply_Pa=15e3)[1].max() == -1.0  # nothing flows from where there is less
+
+
+def test_a_chamber_whose_sensor_stands_still_takes_gas_for_a_turn_only():
+    memory = relief_memory()
+    for pressure in rising(8):
+        relieve(memory, pressure)
+    openings = [relieve(memory, [2e3, 2e3, 110e3, 2e3])[1][0] for _ in range(2 * LONGEST_TAKING)]
+    assert openings.count(-1.0) >= 5
+
+
+def test_a_chamber_that_is_empty_again_is_no_longer_relieved():
+    memory = relief_memory()
+    for pressure in rising(8):
+        relieve(memory, pressure)
+    acts, valves = relieve(memory, [30e3, 30e3, 14e3, 30e3])
+    assert not acts
+    np.testing.assert_array_equal(valves, SHUT)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    readings=st.lists(
+        st.lists(
+            st.one_of(st.floats(-1e6, 1e6), st.sampled_from([math.nan, math.inf, -math.inf])), min_size=5, max_size=5
+        ),
+        max_size=30,
+    ),
+    rests=st.booleans(),
+)
+def test_whatever_is_read_the_valves_are_told_a_number_and_a_fed_chamber_is_never_filled(readings, rests):
+    memory = relief_memory()
+    for *pressure, supply in readings:
+        acts, valves = relieve(memory, pressure, supply_Pa=supply, rests=rests)
+        assert np.all(np.abs(valves) == 1.0)
+        assert acts == (memory[0]["fed"].max() > 0)
+        assert np.all(valves[memory[0]["fed"] > 0] == -1.0)
+        assert np.all(valves[np.isnan(pressure)] == -1.0)
