@@ -86,8 +86,8 @@ _SUPPLY_SAG, _SUPPLY_LOSS = KIND_CODES[FaultKind.SUPPLY_SAG], KIND_CODES[FaultKi
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
 _LEARNS_BELOW, _TRUSTS_BELOW = 6.0, 3.0  # of the CUSUM: what may be a fault is not to be learnt as a valve's nature
 _TRUST_SHARE = 0.02  # of what was learnt, taken over in a cycle
-_COST_OF_DOUBT = 150.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
-_COST_OF_YOUTH, _GROWN_UP, _FILLS = 40.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
+_COST_OF_DOUBT = 300.0  # evidence asked for above the usual, for each unit of deviation of the conductances learnt
+_COST_OF_YOUTH, _GROWN_UP, _FILLS = 80.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_LEAK = 8.0  # … for a leak, which any error of the volume looks like a little
 _COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
@@ -328,7 +328,8 @@ def _sensor_alone(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float
         own.varied[c] += 1
     own.below[c] = own.below[c] + 1 if shown_Pa < LEAST_READING_Pa else 0
     bend_Pa = shown_Pa - 2.0 * own.last_Pa[c] + own.before_Pa[c]
-    wild = bend_Pa * bend_Pa / (_SECOND_DIFFERENCE * parts.noise_Pa * parts.noise_Pa)
+    surprise = observer.innovation_Pa / observer.deviation_Pa  # valves that open and shut make a sound one jump as well
+    wild = min(bend_Pa * bend_Pa / (_SECOND_DIFFERENCE * parts.noise_Pa * parts.noise_Pa), surprise * surprise)
     own.noise[c] = max(0.0, own.noise[c] + min(wild, parts.noise_wildest) - parts.noise_allowance)
     if own.noise[c] > parts.noise_at:
         return _SENSOR_NOISE
@@ -386,7 +387,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     if own.probe[c] > 0:
         return
     doubt = memory.window[0].doubt[own.cycle % KEPT, c]
-    asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP)
+    asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP) ** 2
     for other in range(CHAMBER_COUNT):
         if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
             asked += _COST_OF_COMPANY

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, MODEL_ERROR, OFFSET, OUTLET, STATES, between
 from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
-from controllers.fault_naming import EVIDENCE, KEPT, USUAL_DRIFT, ballooned, swelled_by, unfelt
+from controllers.fault_naming import EVIDENCE, KEPT, USUAL_DRIFT, ballooned, swelled_by, unfelt_Pa
 from softbot.faults import SENSOR_SCALE_LOSS, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
 from softbot.kernel_compiler import kernel, part
 
@@ -145,7 +145,6 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
             window.volume_m3[k, chamber],
             window.felt[k, chamber],
         )
-        growth_m3_Pa = own.growth_m3_Pa * unfelt(change, value, felt)
         other_opening, room, other_room, share = opening, 1.0, 1.0, 1.0
         inlet, outlet, hole = changed_ways(change, value, inlet, outlet, hole)
         if change == _FORCED:
@@ -161,8 +160,9 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
             room, share = ballooned(gas, pressure, value)
         after, volume, swelling = pressure, believed_m3, window.swelling[k, chamber]
         kept = by_inlet = by_outlet = by_hole = flowed = 0.0
-        for _ in range(1 if growth_m3_Pa == 0.0 else 2):  # its volume is that under the pressure that it comes to
-            volume = believed_m3 + growth_m3_Pa * max(after - gas.atmosphere_Pa, 0.0)
+        for _ in range(1 if own.growth_m3_Pa == 0.0 else 2):  # its volume is that under the pressure that it comes to
+            more_Pa = unfelt_Pa(change, value, felt, after - gas.atmosphere_Pa, window.reading_Pa[k, chamber])
+            volume = believed_m3 + own.growth_m3_Pa * more_Pa
             if own.volume_m3[m] > 0.0:
                 swelling = swelled_by(volume, own.volume_m3[m])
             after, kept, by_inlet, by_outlet, by_hole, flowed = next_pressure(
@@ -182,7 +182,8 @@ def follow(own: Any, gas: Gas, candidates: Candidates, window: Any, chamber: int
         elif change == _FORCED and opening > 0.0:
             by_severity = by_inlet * inlet / opening * candidates.slope[m]
         elif change in (_LAG, _WIDENING):
-            other_m3 = believed_m3 + own.growth_m3_Pa * unfelt(change, more, felt) * max(after - gas.atmosphere_Pa, 0.0)
+            other_Pa = unfelt_Pa(change, more, felt, after - gas.atmosphere_Pa, window.reading_Pa[k, chamber])
+            other_m3 = believed_m3 + own.growth_m3_Pa * other_Pa
             other, _k, _a, _b, _l, _f = next_pressure(
                 gas,
                 chamber,

@@ -174,6 +174,14 @@ def unfelt(change: int, value: float, felt: float) -> float:
 
 
 @part()
+def unfelt_Pa(change: int, value: float, felt: float, gauge_Pa: float, shown_Pa: float) -> float:
+    """The pressure that the wall feels and the shape does not know of; of what adds to the reading, by the reading."""
+    if change in (_OFFSET, _DRIFT):
+        return max(gauge_Pa, 0.0) - felt * max(shown_Pa, 0.0)
+    return unfelt(change, value, felt) * max(gauge_Pa, 0.0)
+
+
+@part()
 def ballooned(gas: Gas, pressure: float, value: float) -> tuple[float, float]:
     """Of a chamber that balloons, at an absolute pressure: its room for gas over its volume, and what swelling does."""
     gauge_Pa = max(pressure - gas.atmosphere_Pa, 0.0)
@@ -221,15 +229,17 @@ def _simulate(
             lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
             opening = between(opening, lagged)
         volume, passes = window.volume_m3[k, chamber], 1
-        more_m3_Pa = growth_m3_Pa * unfelt(change, value, window.felt[k, chamber])
+        felt, shown_Pa = window.felt[k, chamber], window.reading_Pa[k, chamber]
+        believes_wrong = change in (_OFFSET, _DRIFT) or unfelt(change, value, felt) != 0.0
         swelling, room, share, after, kept = window.swelling[k, chamber], 1.0, 1.0, pressure, 1.0
         if change == _WIDENING:
             room, share = ballooned(gas, pressure, value)
-        if more_m3_Pa != 0.0 or change == _WIDENING or corrected:
+        if corrected or change == _WIDENING or (growth_m3_Pa != 0.0 and believes_wrong):
             passes, corrected = 2, True  # its volume is that under the pressure that it comes to
         for _ in range(passes):
             if passes > 1:
-                volume = window.volume_m3[k, chamber] + more_m3_Pa * max(after - gas.atmosphere_Pa, 0.0)
+                volume = window.volume_m3[k, chamber]
+                volume += growth_m3_Pa * unfelt_Pa(change, value, felt, after - gas.atmosphere_Pa, shown_Pa)
                 swelling = swelled_by(volume, volume_before)
             after, kept, _a, _b, _l, _flowed = next_pressure(
                 gas,
@@ -409,7 +419,7 @@ def _explained(
         _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
         cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)
         return cost, severity
-    _simulate(gas, window, chamber, now, since, _SCALE if change == _SCALE else -1, value, scratch, noise_Pa)
+    _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
     cost, fitted = _sensor_cost(window, chamber, now, since, change, value, offset_Pa, share, scratch)
     if change == _OFFSET:
         severity = fitted / SENSOR_OFFSET_Pa

@@ -75,7 +75,7 @@ class InertialTuning:
     slipping_grip: float = 0.3
     """A grip below it by `slipping_sure` deviations, for `slipping_readings` with a lean that tells, is lost."""
     slipping_sure: float = 3.0
-    slipping_readings: int = 25
+    slipping_readings: int = 40
     fastest_rad_s: float = 5.5
     """Mean rate of the roll beyond which the grip is not judged: a robot that is jerked so much slips on any floor."""
     settle: int = 50

@@ -5,9 +5,10 @@ gas, which has no other way to go: 100 ml at 250 kPa bring a chamber of 55 ml fr
 spread over the four chambers is below 100 kPa. So once a chamber is seen to be fed, the main supply is shut and the
 others take gas from the manifold and vent it, in turns, until the chamber is empty.
 
-It is done in the safe state only, where nothing else is wanted of the chambers; one that rises against its command
-while setpoints are obeyed may be one whose sensor shows another's pressure. A chamber is fed that has risen by `FED_Pa`
-over its lowest reading since its valve was last commanded to fill, whether that was in the safe state or before.
+A chamber is fed that has risen by `FED_Pa` over its lowest reading since its valve was last commanded to fill, whether
+that was in the safe state or before. It is relieved in the safe state only, where nothing else is wanted of the
+chambers. While setpoints are obeyed whoever names faults has time for it, and a reading that rises against its command
+may be another chamber's: opened to the manifold by such readings, that one is brought over its limit.
 
 A board that has lost its current cannot do this; its valves fall into the safe state, and the manifold's gas stays.
 """
@@ -46,7 +47,7 @@ RELIEF = np.dtype(
     ],
     align=True,
 )
-"""What a board remembers for it, as a record: the lowest reading and the periods since each valve was told to fill,
+"""What a board remembers for it, as a record: the lowest reading and the periods since each valve was told to fill;
 which chambers are fed (1), and of the others which take gas or wait for room (1), and for how many cycles they have
 taken it, or vented."""
 

@@ -34,6 +34,7 @@ from controllers import (
     fault_detection,
     fault_following,
     fault_naming,
+    gas_ledger,
     held_bend,
     inertial_observer,
     proof,
@@ -50,6 +51,7 @@ from controllers.estimation import follow_bend, follow_roll
 from controllers.excitation import excite
 from controllers.fault_answers import BLIND, FORBIDS_FROM, HOLDS_FROM, strength_left
 from controllers.fault_detection import detect, detections_of, forget_chamber
+from controllers.gas_ledger import keep_ledger, vent_full
 from controllers.held_bend import bend_held, beside_held, free_bend, pinned
 from controllers.interface import (
     STATES,
@@ -443,11 +445,14 @@ def _compile(stamp: int):  # type: ignore[no-untyped-def]
         for i in range(CHAMBERS):
             memory.detector.own[0].felt[i] = own.sighted[i]
         detect(parts.detector, memory.detector, reading, estimate.volume_m3)
+        keep_ledger(parts.detector, memory.detector, memory.ledger[0], reading[0])
         if parts.detects:
             watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
         _answer(parts, memory, reading[0], t_s)
         _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
         _probe(parts, memory, reading[0])
+        if parts.detects:
+            vent_full(parts.detector, memory.ledger[0], parts.model.pressure_limit_Pa, own.setpoint_Pa)
         own.wants_armed = own.state != _DISARMED and own.state != _SAFE
         return stamp > 0
 
@@ -471,6 +476,7 @@ cycle = _compile(
         fault_detection,
         fault_following,
         fault_naming,
+        gas_ledger,
         held_bend,
         hysteresis,
         inertial_observer,

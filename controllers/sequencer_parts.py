@@ -13,6 +13,7 @@ from controllers.detector_parts import SILENT, DetectorMemory, DetectorParts, de
 from controllers.estimation import estimator_memory
 from controllers.excitation import Excitation
 from controllers.fault_answers import answers
+from controllers.gas_ledger import ledger_memory
 from controllers.proof import proof_memory
 from controllers.recovery import RECOVERY, RecoveryTuning
 from controllers.robot_model import RobotModel, robot_model
@@ -90,6 +91,8 @@ class SequencerMemory(NamedTuple):
     """Two plans: what is done, and the other side's."""
     proof: Any
     roll: RollMemory
+    ledger: Any
+    """Of the gas in the chambers: `controllers.gas_ledger`."""
 
 
 def sequencer_memory() -> SequencerMemory:
@@ -107,6 +110,7 @@ def sequencer_memory() -> SequencerMemory:
         np.zeros(2, RECOVERY).view(np.recarray),
         proof_memory(),
         roll_memory(),
+        ledger_memory(),
     )
 
 

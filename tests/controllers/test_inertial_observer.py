@@ -114,6 +114,15 @@ def test_the_grip_is_learnt(grip):
     assert abs(own["x"][GRIP] - grip) < 0.1
 
 
+@pytest.mark.parametrize(("grip", "slips"), [(0.0, True), (0.45, False), (1.0, False)])
+def test_the_floor_is_lost_where_the_middle_hardly_follows_and_not_where_it_follows_by_half(grip, slips):
+    """On the segment twin a sound robot's filter makes about half of it."""
+    readings, _ = Roll(rate_rad_s=4.0, wave=0.5, grip=grip).readings()
+    own = inertial_memory()[0]
+    lost = [watch(readings[n : n + 1], own)[1]["slips"] for n in range(len(readings))]
+    assert any(lost) == slips
+
+
 @pytest.mark.parametrize(("rate", "wave"), [(1.5, 0.15), (0.4, 0.0), (3.0, 0.3)])
 def test_the_filter_stays_sound_over_a_long_roll_and_when_it_is_unsure(rate, wave):
     readings, roll = Roll(rate_rad_s=rate, wave=wave, jump_rad_s=0.05, seconds=60.0).readings()

@@ -55,13 +55,13 @@ def test_a_chamber_that_was_told_to_fill_may_rise_until_its_valve_has_shut():
         assert not relieve(memory, pressure)[0]
 
 
-def test_while_setpoints_are_obeyed_nothing_is_changed():
+def test_while_setpoints_are_obeyed_nothing_is_changed_and_in_the_safe_state_it_is_known_at_once():
     memory = relief_memory()
-    for pressure in rising(20):
+    for pressure in rising(20, step_Pa=5e3):
         acts, valves = relieve(memory, pressure, rests=False)
         assert not acts
         np.testing.assert_array_equal(valves, SHUT)
-    assert relieve(memory, [2e3, 2e3, 160e3, 2e3])[0]  # in the safe state it is known at once
+    assert relieve(memory, [2e3, 2e3, 160e3, 2e3])[0]
 
 
 def test_the_others_take_turns_and_never_take_more_than_they_have_room_for():
@@ -107,6 +107,6 @@ def test_whatever_is_read_the_valves_are_told_a_number_and_a_fed_chamber_is_neve
     for *pressure, supply in readings:
         acts, valves = relieve(memory, pressure, supply_Pa=supply, rests=rests)
         assert np.all(np.abs(valves) == 1.0)
-        assert acts == (memory[0]["fed"].max() > 0)
+        assert not acts or memory[0]["fed"].max() > 0
         assert np.all(valves[memory[0]["fed"] > 0] == -1.0)
         assert np.all(valves[np.isnan(pressure)] == -1.0)
