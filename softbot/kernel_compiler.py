@@ -81,6 +81,21 @@ _UNITS: dict[str, str] = {}
 """Digests of the source of units, by numba's names of their functions."""
 
 
+_INTERNAL: dict[tuple[str, bool], dict[Any, Any]] = {}
+"""What numba compiles on the way (a whole power, `math.hypot`), by the options of the function that asks for it. numba
+keeps one version of each, with the options of who asked first: results would depend on what was compiled before."""
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _ReadyToLower(PreLowerStripPhis):
+    _name = "strip_phis_and_choose_internal"
+
+    def run_pass(self, state: Any) -> bool:
+        options = str(state.flags.fastmath), bool(state.flags.nrt)
+        state.targetctx.cached_internal_func = _INTERNAL.setdefault(options, {})
+        return bool(super().run_pass(state))
+
+
 def _symbol(name: str, arguments: Iterable[Any], *, abi_tags: tuple[str, ...] = (), uid: Any = None) -> str:
     """A function's name in the machine code: with a digest of its arguments' types, which have pages of names.
 
@@ -173,7 +188,7 @@ class KernelCompiler(CompilerBase):
         passes.add_pass(GenericRewrites, "constant indices")
         passes.add_pass(ReconstructSSA, "ssa")
         passes.add_pass(_TypeInference, "type inference")
-        passes.add_pass(PreLowerStripPhis, "remove phis nodes")
+        passes.add_pass(_ReadyToLower, "remove phis nodes")
         passes.passes.extend(DefaultPassBuilder.define_nopython_lowering_pipeline(state).passes)
         passes.finalize()
         return [passes]

@@ -52,8 +52,8 @@ def _value(constant: Any) -> str:
 class _Source:
     """The code and the constants that a function reaches, by name."""
 
-    def __init__(self, home: str) -> None:
-        self.home = home
+    def __init__(self, own: frozenset[str]) -> None:
+        self._own = own
         self.found: dict[str, str] = {}
 
     def follow(self, name: str, thing: Any) -> None:
@@ -98,13 +98,19 @@ class _Source:
         self.follow(f"{name}, compiled by", getattr(function, "compiled_by", ()))
 
     def _is_own(self, module: str) -> bool:
-        package = module.partition(".")[0]
-        return package in OWN or package == self.home
+        return module.partition(".")[0] in self._own
+
+
+def reached(function: FunctionType, own: frozenset[str] = OWN) -> dict[str, str]:
+    """All that a function, before it is compiled, calls and the constants that it uses: by name, written out."""
+    source = _Source(own)
+    source.follow(function.__qualname__, function)
+    return source.found
 
 
 @cache
-def source_digest(function: FunctionType) -> str:
-    """Digest of a function, before it is compiled, with all that it calls and the constants that it uses."""
-    source = _Source(function.__module__.partition(".")[0])
-    source.follow(function.__qualname__, function)
-    return hashlib.sha256(repr((_COMPILER, sorted(source.found.items()))).encode()).hexdigest()[:32]
+def source_digest(function: FunctionType, own: frozenset[str] = OWN) -> str:
+    """Digest of that; own: packages whose code is followed besides the function's."""
+    package = function.__module__.partition(".")[0]
+    found = sorted(reached(function, own | {package}).items())
+    return hashlib.sha256(repr((_COMPILER, found)).encode()).hexdigest()[:32]

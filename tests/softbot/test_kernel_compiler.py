@@ -72,3 +72,15 @@ def test_a_kernel_called_with_other_types_is_another_version() -> None:
     assert twice(2) == 4
     assert twice(0.25) == 0.5
     np.testing.assert_array_equal(twice(np.array([1.0, 2.0])), [2.0, 4.0])
+
+
+def test_what_is_compiled_on_the_way_has_the_options_of_who_asks_for_it() -> None:
+    def power(value: float, exponent: int) -> float:
+        return float(value**exponent)
+
+    exact, fast = kernel(cache=False)(power), kernel(cache=False, fastmath={"reassoc"})(power)
+    assert exact(1.5, 3) == fast(1.5, 3) == 3.375
+    ((_, of_exact),), ((_, of_fast),) = exact.inspect_llvm().items(), fast.inspect_llvm().items()
+    assert "fmul double" in of_exact
+    assert "fmul reassoc double" in of_fast
+    assert "fmul double" not in of_fast
