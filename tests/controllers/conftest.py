@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,21 @@ class LoopRun:
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot("default")
+
+
+@pytest.fixture(scope="session")
+def with_other_valves(robot: Robot) -> Callable[[int], Robot]:
+    """`with_other_valves(seed)`: the robot, its valves' conductances up to 20 % from what its file says."""
+
+    def make(seed: int) -> Robot:
+        random, nominal = np.random.default_rng(seed), robot.pneumatics
+        other: dict[str, Any] = {
+            name: tuple(random.uniform(0.8, 1.2, 4) * getattr(nominal, name))
+            for name in ("supply_valve_conductance_m3_s_Pa", "exhaust_valve_conductance_m3_s_Pa")
+        }
+        return robot.model_copy(update={"pneumatics": replace(nominal, **other)})
+
+    return make
 
 
 @pytest.fixture(scope="session")
