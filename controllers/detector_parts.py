@@ -49,6 +49,10 @@ class DetectorTuning:
     lead_later: float = 10.0
     """How long after the suspicion a name is looked at again, and the leads by which another one takes its place: then,
     and while the chamber is followed."""
+    hurry: int = 10
+    lead_hurried: float = 10.0
+    """A chamber that would come to its limit within so many cycles is looked into at once, and its valve said to be
+    stuck open where that leads by so much."""
     probe_cycles: int = 10
     """Length of a test pulse into a chamber that does not vent: whether it fills tells why."""
     repeats: int = 8
@@ -70,7 +74,7 @@ class DetectorTuning:
 
 _NEVER = 2**62
 SILENT = DetectorTuning(
-    alarm_at=math.inf, repeats=_NEVER, below=_NEVER, noise_at=math.inf, supply_cycles=_NEVER, supply_low=1.0
+    alarm_at=math.inf, hurry=0, lead_hurried=math.inf, repeats=_NEVER, below=_NEVER, noise_at=math.inf, supply_cycles=_NEVER, supply_low=1.0
 )
 """Of a detector that follows everything and names nothing."""
 
@@ -87,6 +91,8 @@ class DetectorParts(NamedTuple):
     sounds: bool
     """Whether the inertial unit has noise, so that a reading that repeats has stuck."""
     period_s: float
+    limit_Pa: float
+    """Of a chamber, gauge."""
     allowance: float
     alarm_at: float
     evidence: float
@@ -98,6 +104,8 @@ class DetectorParts(NamedTuple):
     review: int
     lead_again: float
     lead_later: float
+    hurry: int
+    lead_hurried: float
     probe_cycles: int
     repeats: int
     below: int
@@ -203,6 +211,7 @@ def parts_of_detector(
         sensors.pressure_noise_Pa > 2.0 * max(sensors.pressure_resolution_Pa, _BUS_RESOLUTION_Pa),
         sensors.gyro_noise_rad_s > 0.0 or sensors.accelerometer_noise_m_s2 > 0.0,
         own.period_s,
+        parameters.max_chamber_pressure_Pa,
         own.allowance,
         own.alarm_at,
         own.evidence,
@@ -214,6 +223,8 @@ def parts_of_detector(
         own.review,
         own.lead_again,
         own.lead_later,
+        own.hurry,
+        own.lead_hurried,
         own.probe_cycles,
         own.repeats,
         own.below,

@@ -81,6 +81,7 @@ _SENSOR_DROPOUT = KIND_CODES[FaultKind.SENSOR_DROPOUT]
 _LINES_SWAPPED = KIND_CODES[FaultKind.LINES_SWAPPED]
 _BLOCKED_EXHAUST, _KINKED_LINE = KIND_CODES[FaultKind.BLOCKED_EXHAUST], KIND_CODES[FaultKind.KINKED_LINE]
 _LEAK, _STUCK_CLOSED = KIND_CODES[FaultKind.LEAK], KIND_CODES[FaultKind.STUCK_CLOSED]
+_STUCK_OPEN = KIND_CODES[FaultKind.STUCK_OPEN]
 _HOLDS_BACK, _LEAST_PROBED_Pa = 0.3, 5e3  # opening of an exhaust and pressure behind it that make a test pulse tell
 _SUPPLY_SAG, _SUPPLY_LOSS = KIND_CODES[FaultKind.SUPPLY_SAG], KIND_CODES[FaultKind.SUPPLY_LOSS]
 _IMU_STUCK, _IMU_DROPOUT = KIND_CODES[FaultKind.IMU_STUCK], KIND_CODES[FaultKind.IMU_DROPOUT]
@@ -90,6 +91,9 @@ _COST_OF_DOUBT = 300.0  # evidence asked for above the usual, for each unit of d
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 80.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_LEAK = 8.0  # … for a leak, which any error of the volume looks like a little
 _COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
+_UNDECIDED = 0.3  # of the CUSUM of the noise: from there on a sensor may be noisy
+_LEAST_PACE_Pa = 2e3  # in a cycle, twice in a row: four deviations of a reading
+_AGAINST, _FILLS_Pa = 6, 4e3  # cycles of venting in which a chamber that rises by so much is fed by something
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
 
 
@@ -306,6 +310,8 @@ def _judge(parts: DetectorParts, memory: DetectorMemory, reading: Any, decides: 
         z = min(max(z, -_WILDEST), _WILDEST)
         own.rising[c] = max(0.0, own.rising[c] + z - parts.allowance)
         own.falling[c] = max(0.0, own.falling[c] - z - parts.allowance)
+        if _runs_full(parts, own, observer, reading.pressure_Pa[c], c) and _is_stuck_open(parts, memory, c):
+            continue
         if own.alarm[c] < 0:
             if max(own.rising[c], own.falling[c]) < parts.alarm_at:
                 continue
@@ -358,6 +364,58 @@ def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) ->
 
 
 @part()
+def _asked(parts: DetectorParts, memory: DetectorMemory, c: int, kind: int) -> float:
+    """Evidence that a verdict on a chamber needs."""
+    own = memory.own[0]
+    doubt = memory.window[0].doubt[own.cycle % KEPT, c]
+    asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP) ** 2
+    for other in range(CHAMBER_COUNT):
+        if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
+            asked += _COST_OF_COMPANY
+    if kind == _LEAK:
+        asked += _COST_OF_LEAK
+    return parts.evidence + asked
+
+
+@part()
+def _runs_full(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float, c: int) -> bool:
+    """Whether a chamber rises unexpectedly, and so fast that a name might come after it has passed its limit."""
+    newest_Pa, before_Pa = shown_Pa - own.last_Pa[c], own.last_Pa[c] - own.before_Pa[c]
+    surprises = observer.innovation_Pa > _WILDEST * observer.deviation_Pa
+    if not surprises or min(newest_Pa, before_Pa) < _LEAST_PACE_Pa:
+        return False
+    return bool(shown_Pa + parts.hurry * 0.5 * (newest_Pa + before_Pa) > parts.limit_Pa)
+
+
+@part()
+def _is_stuck_open(parts: DetectorParts, memory: DetectorMemory, c: int) -> bool:
+    """Look into a chamber at once; whether its valve is so clearly stuck open that this was said."""
+    own, verdict = memory.own[0], memory.verdict[c]
+    if own.noise[c] > _UNDECIDED * parts.noise_at or own.below[c] > 0:
+        return False
+    suspected = own.alarm[c]
+    if suspected < 0:
+        own.alarm[c] = own.cycle
+    _look(parts, memory, c, True)
+    enough = verdict.evidence >= _asked(parts, memory, c, verdict.kind) and verdict.lead >= parts.lead_hurried
+    if verdict.kind != _STUCK_OPEN or not enough:
+        own.alarm[c] = suspected
+        return False
+    tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
+    return True
+
+
+@part()
+def _fills_against(own: Any, window: Any, c: int) -> bool:
+    """Whether a chamber has been told to vent for some cycles, and fills."""
+    for n in range(_AGAINST):
+        if window.lagged[(own.cycle - n) % KEPT, c] > -_HOLDS_BACK:
+            return False
+    now, then = own.cycle % KEPT, (own.cycle - _AGAINST) % KEPT
+    return bool(window.reading_Pa[now, c] - window.reading_Pa[then, c] > _FILLS_Pa)
+
+
+@part()
 def _ask_for_probe(parts: DetectorParts, own: Any, verdict: Any, c: int) -> None:
     """Where a chamber does not vent and only filling it a little would tell why, ask for that."""
     if own.probed[c] >= own.alarm[c] or verdict.evidence < parts.evidence or own.lagged[c] > -_HOLDS_BACK:
@@ -378,7 +436,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     if waited > parts.patience_ends:
         _drop(own, c)
         return
-    undecided = own.repeats[c] >= 4 or own.below[c] > 0 or own.noise[c] > 0.3 * parts.noise_at
+    undecided = own.repeats[c] >= 4 or own.below[c] > 0 or own.noise[c] > _UNDECIDED * parts.noise_at
     if waited < parts.confirm or (waited - parts.confirm) % parts.look_every != 0 or undecided:
         return
     verdict = memory.verdict[c]
@@ -386,14 +444,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     _ask_for_probe(parts, own, verdict, c)
     if own.probe[c] > 0:
         return
-    doubt = memory.window[0].doubt[own.cycle % KEPT, c]
-    asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP) ** 2
-    for other in range(CHAMBER_COUNT):
-        if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
-            asked += _COST_OF_COMPANY
-    if verdict.kind == _LEAK:
-        asked += _COST_OF_LEAK
-    if verdict.kind == 0 or verdict.evidence < parts.evidence + asked:
+    if verdict.kind == 0 or verdict.evidence < _asked(parts, memory, c, verdict.kind):
         return
     if verdict.lead < parts.lead and waited < parts.patience:
         return
@@ -420,9 +471,10 @@ def _review(parts: DetectorParts, memory: DetectorMemory, reading: Any, c: int, 
             parts.noise_Pa,
         )
         return
-    if (waited - parts.confirm) % (2 * parts.look_every) != 0:
+    missed = own.named[c] != _STUCK_OPEN and _fills_against(own, memory.window[0], c)
+    if (waited - parts.confirm) % (parts.look_every if missed else 2 * parts.look_every) != 0:
         return
-    _look(parts, memory, c, False)
+    _look(parts, memory, c, missed or waited <= parts.confirm)
     _ask_for_probe(parts, own, verdict, c)
     if verdict.kind == 0 or verdict.evidence < parts.evidence:
         return

@@ -544,7 +544,9 @@ def name_fault(
             best[m], since[m], severity[m] = evidence, back, fitted
     top = best.max()
     for m in range(COUNT):
-        if candidates.change[m] == _SWAP or since[m] == 0 or best[m] < top - _NEAR:
+        # a valve stuck between two of the openings tried at first may look worse than it is by any measure
+        far = best[m] < top - _NEAR and not (afresh and candidates.change[m] == _FORCED)
+        if candidates.change[m] == _SWAP or since[m] == 0 or far:
             continue
         by, hop = (0.5, 4) if afresh else (0.12, 2)
         for _ in range(_FITTING_ROUNDS if afresh else _FOLLOWING_ROUNDS):
