@@ -74,7 +74,14 @@ class DetectorTuning:
 
 _NEVER = 2**62
 SILENT = DetectorTuning(
-    alarm_at=math.inf, hurry=0, lead_hurried=math.inf, repeats=_NEVER, below=_NEVER, noise_at=math.inf, supply_cycles=_NEVER, supply_low=1.0
+    alarm_at=math.inf,
+    hurry=0,
+    lead_hurried=math.inf,
+    repeats=_NEVER,
+    below=_NEVER,
+    noise_at=math.inf,
+    supply_cycles=_NEVER,
+    supply_low=1.0,
 )
 """Of a detector that follows everything and names nothing."""
 

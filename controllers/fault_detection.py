@@ -9,6 +9,7 @@ Five things stand side by side, each of them compiled, over records:
 - A suspected chamber is explained by playing the fault library over its last second (`controllers.fault_naming`). The
   verdict is given when the best explanation beats a healthy chamber by `evidence` and every other kind by `lead`, or
   when patience ends. Without such an explanation the suspicion is dropped, and the filter learns on.
+  A chamber that runs to its limit is looked into at once: a valve that is clearly stuck open cannot wait.
 - Faults that no gas can make are told by the readings alone: one that repeats to the last bit, one below vacuum, one
   that jumps to and fro.
 - A named chamber is followed (`controllers.fault_following`): what it does later may tell the kinds apart, also while
@@ -91,7 +92,7 @@ _COST_OF_DOUBT = 300.0  # evidence asked for above the usual, for each unit of d
 _COST_OF_YOUTH, _GROWN_UP, _FILLS = 80.0, 120.0, 0.05  # … of a chamber seen filling for less than so many cycles
 _COST_OF_LEAK = 8.0  # … for a leak, which any error of the volume looks like a little
 _COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it bends the robot otherwise than is believed
-_UNDECIDED = 0.3  # of the CUSUM of the noise: from there on a sensor may be noisy
+_UNDECIDED, _TOO_NOISY = 0.3, 0.4  # of the CUSUM of the noise: a sensor may be noisy; no hurried verdict from there on
 _LEAST_PACE_Pa = 2e3  # in a cycle, twice in a row: four deviations of a reading
 _AGAINST, _FILLS_Pa = 6, 4e3  # cycles of venting in which a chamber that rises by so much is fed by something
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
@@ -372,9 +373,7 @@ def _asked(parts: DetectorParts, memory: DetectorMemory, c: int, kind: int) -> f
     for other in range(CHAMBER_COUNT):
         if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
             asked += _COST_OF_COMPANY
-    if kind == _LEAK:
-        asked += _COST_OF_LEAK
-    return parts.evidence + asked
+    return parts.evidence + asked + (_COST_OF_LEAK if kind == _LEAK else 0.0)
 
 
 @part()
@@ -382,20 +381,18 @@ def _runs_full(parts: DetectorParts, own: Any, observer: Any, shown_Pa: float, c
     """Whether a chamber rises unexpectedly, and so fast that a name might come after it has passed its limit."""
     newest_Pa, before_Pa = shown_Pa - own.last_Pa[c], own.last_Pa[c] - own.before_Pa[c]
     surprises = observer.innovation_Pa > _WILDEST * observer.deviation_Pa
-    if not surprises or min(newest_Pa, before_Pa) < _LEAST_PACE_Pa:
-        return False
-    return bool(shown_Pa + parts.hurry * 0.5 * (newest_Pa + before_Pa) > parts.limit_Pa)
+    fast = min(newest_Pa, before_Pa) > _LEAST_PACE_Pa
+    return bool(surprises and fast and shown_Pa + parts.hurry * 0.5 * (newest_Pa + before_Pa) > parts.limit_Pa)
 
 
 @part()
 def _is_stuck_open(parts: DetectorParts, memory: DetectorMemory, c: int) -> bool:
     """Look into a chamber at once; whether its valve is so clearly stuck open that this was said."""
     own, verdict = memory.own[0], memory.verdict[c]
-    if own.noise[c] > _UNDECIDED * parts.noise_at or own.below[c] > 0:
+    if own.noise[c] > _TOO_NOISY * parts.noise_at or own.below[c] > 0:
         return False
     suspected = own.alarm[c]
-    if suspected < 0:
-        own.alarm[c] = own.cycle
+    own.alarm[c] = suspected if suspected >= 0 else own.cycle
     _look(parts, memory, c, True)
     enough = verdict.evidence >= _asked(parts, memory, c, verdict.kind) and verdict.lead >= parts.lead_hurried
     if verdict.kind != _STUCK_OPEN or not enough:

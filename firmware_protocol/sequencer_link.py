@@ -10,8 +10,8 @@ publishes:
 
 Whatever ends that by itself (board latched or silent, measurements missing, another DBC, no answer in time,
 refused frames beyond the tolerance) ends in FAILED with its reason: disarm is sent, setpoints are 0, and only
-a new `arm()` tries again. While an emergency stop is held, the stop is repeated and SequencerControl falls
-silent, so that nothing can clear the latch.
+a new `arm()` tries again. A disarm after a run does not wait for its turn: the frame is sent at once. While an
+emergency stop is held, the stop is repeated and SequencerControl falls silent, so that nothing can clear the latch.
 """
 
 from __future__ import annotations
@@ -166,6 +166,7 @@ class SequencerLink:
         self._arming_since_us: int | None = None
         self._next_fault_us = 0
         self._next_stop_us: int | None = None
+        self._said = ControlMode.DISARM
         self._stop_reason = EmergencyReason.OPERATOR
         self._fault_gap_us = time_us(message_spec("SequencerFault").minimum_gap_s)
         self._stop_gap_us = time_us(message_spec("EmergencyStop").minimum_gap_s)
@@ -323,7 +324,8 @@ class SequencerLink:
         if stopping and (self._next_stop_us is None or now_us >= self._next_stop_us):
             self._next_stop_us = now_us + self._stop_gap_us
             frames.append(self.sender.send("EmergencyStop", {"Reason": self._stop_reason}))
-        if not stopping and self.schedule.due("SequencerControl", now_us):
+        runs_no_more = self._said is ControlMode.RUN and not self.armed
+        if not stopping and (self.schedule.due("SequencerControl", now_us) or runs_no_more):
             frames.append(self.sender.send("SequencerControl", self._control_signals()))
         if self.schedule.due("SequencerSetpoints", now_us):
             wanted = four_signals("Setpoint", setpoints_Pa if self.armed else _NOTHING, PASCAL_PER_KILOPASCAL)
@@ -361,6 +363,7 @@ class SequencerLink:
             mode, token = ControlMode.ARM_CONFIRM, arm_token(self.readings.challenge, self._dbc_hash)
         elif self.state is LinkState.ARMED:
             mode = ControlMode.RUN
+        self._said = mode
         return {"Mode": mode, "ArmToken": token, "DbcHash": self._dbc_hash}
 
     # ------------------------------------------------------------------ what time alone decides

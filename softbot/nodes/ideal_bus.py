@@ -46,6 +46,7 @@ IDEAL_BUS = np.dtype(
         ("latched", np.bool_),
         ("setpoint_Pa", np.float64, CHAMBER_COUNT),
         ("sent_control", np.int64),
+        ("said_control", np.int64),
         ("sent_setpoint_Pa", np.float64, CHAMBER_COUNT),
         ("sent_state", np.int64),
         ("heard_state", np.int64),
@@ -53,7 +54,8 @@ IDEAL_BUS = np.dtype(
     align=True,
 )
 """Both ends, as a record: link and what it heard of the board, the board and what it was last told; `sent_*` is under
-way from the sequencer to the board's next cycle. `latched`: the board has latched a failure in this cycle."""
+way from the sequencer to the board's next cycle; `said_control` was sent last. `latched`: the board has latched a
+failure in this cycle."""
 
 
 class BusRules(NamedTuple):
@@ -221,7 +223,7 @@ def answer_board(
         own.link = FAILED
     if own.link == CLEARING and own.heard_mode == _DISARMED_MODE:
         own.link = REQUESTING
-    if cycle % rules.sequencer_control == 0:
+    if cycle % rules.sequencer_control == 0 or (own.said_control == _RUN and own.link != ARMED):
         if own.link == REQUESTING:
             own.sent_control = _ARM_REQUEST
         elif own.link == CONFIRMING:
@@ -230,6 +232,7 @@ def answer_board(
             own.sent_control = _RUN
         else:
             own.sent_control = _DISARM
+        own.said_control = own.sent_control
     for i in range(CHAMBER_COUNT):
         own.sent_setpoint_Pa[i] = told_Pa(setpoint_Pa[i], rules.setpoint) if own.link == ARMED else 0.0
     if cycle % rules.sequencer_heartbeat == 0:

@@ -153,3 +153,37 @@ def test_a_chamber_is_named_once_until_it_is_forgotten():
     detector.forget(2)
     blow(1.0, 2.5)
     assert [d.chamber for d in found[4:]] == [2]
+
+
+@pytest.fixture(scope="module")
+def full_s(closed_loop):
+    """A time at which chamber 1 is as full as it gets, to the hundredth of a second."""
+    run = closed_loop(9.0, seed=7)
+    pressure_Pa = np.array(run.pressure_Pa)[:, 1]
+    late = np.array(run.t_s) > 5.0
+    at = int(np.argmax(np.where(late, pressure_Pa, 0.0)))
+    assert pressure_Pa[at] > 85e3
+    return round(run.t_s[at], 2)
+
+
+@pytest.mark.parametrize("later_s", [0.002, 0.005, 0.008])
+def test_a_valve_that_sticks_open_at_a_full_chamber_is_named_before_it_is_usually_suspected(
+    closed_loop, full_s, later_s
+):
+    t_s = full_s + later_s
+    run = closed_loop(t_s + 0.5, faults=(Fault(t_s, 1, "stuck_open", 1.0),), seed=7)
+    assert [(d.chamber, d.kind) for d in run.detections] == [(1, "stuck_open")]
+    assert run.detections[0].t_s - t_s < 0.045  # four surprises make a suspicion, and two cycles confirm it
+
+
+@pytest.mark.parametrize("later_s", [0.002, 0.052])
+@pytest.mark.parametrize(
+    ("kind", "severity"),
+    [("sensor_offset", 0.5), ("sensor_offset", 1.0), ("sensor_noise", 0.3), ("sensor_noise", 1.0), ("valve_slow", 1.0)],
+)
+def test_what_else_shows_more_pressure_in_a_full_chamber_is_no_valve_stuck_open(
+    closed_loop, full_s, kind, severity, later_s
+):
+    t_s = full_s + later_s
+    run = closed_loop(t_s + 1.0, faults=(Fault(t_s, 1, kind, severity),), seed=7)
+    assert [(d.chamber, d.kind) for d in run.detections] == [(1, kind)]

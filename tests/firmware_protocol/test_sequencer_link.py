@@ -336,6 +336,22 @@ def test_a_failed_sequencer_says_so_and_the_board_vents() -> None:
     assert loop.board.state.reason is SafeReason.SEQUENCER_FAILED
 
 
+@pytest.mark.parametrize(("cycles", "in_turn"), [(0, [0, 1, 0, 1]), (1, [1, 0, 1, 0])])
+def test_a_disarm_after_a_run_is_sent_at_once_and_then_in_its_turn(cycles: int, in_turn: list[int]) -> None:
+    loop = Loop().armed()
+    loop.run(cycles / 100)
+    assert loop.decision is not None
+    assert loop.decision.main_supply_open
+    loop.link.disarm()
+    sent = []
+    for _ in range(5):
+        loop.run(0.01)
+        assert not loop.decision.main_supply_open
+        sent.append([decode(*frame)[1]["Mode"] for frame in loop.to_board if frame.frame_id == 0x100])
+    assert sent[0] == [ControlMode.DISARM]
+    assert [len(modes) for modes in sent[1:]] == in_turn
+
+
 def test_fault_reports_go_out_one_after_the_other_at_their_gap() -> None:
     link = SequencerLink()
     link.report_fault(FaultKind.RUPTURE, chamber=2, delay_s=0.1234, confidence=0.97)
