@@ -49,10 +49,11 @@ class DetectorTuning:
     lead_later: float = 10.0
     """How long after the suspicion a name is looked at again, and the leads by which another one takes its place: then,
     and while the chamber is followed."""
-    hurry: int = 10
-    lead_hurried: float = 10.0
+    hurry: int = 7
+    evidence_hurried: float = 14.0
+    lead_hurried: float = 7.0
     """A chamber that would come to its limit within so many cycles is looked into at once, and its valve said to be
-    stuck open where that leads by so much."""
+    stuck open on so much evidence and lead: those of two readings."""
     probe_cycles: int = 10
     """Length of a test pulse into a chamber that does not vent: whether it fills tells why."""
     repeats: int = 8
@@ -112,6 +113,7 @@ class DetectorParts(NamedTuple):
     lead_again: float
     lead_later: float
     hurry: int
+    evidence_hurried: float
     lead_hurried: float
     probe_cycles: int
     repeats: int
@@ -231,6 +233,7 @@ def parts_of_detector(
         own.lead_again,
         own.lead_later,
         own.hurry,
+        own.evidence_hurried,
         own.lead_hurried,
         own.probe_cycles,
         own.repeats,

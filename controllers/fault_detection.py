@@ -366,14 +366,14 @@ def _look(parts: DetectorParts, memory: DetectorMemory, c: int, afresh: bool) ->
 
 @part()
 def _asked(parts: DetectorParts, memory: DetectorMemory, c: int, kind: int) -> float:
-    """Evidence that a verdict on a chamber needs."""
+    """Evidence that a verdict on a chamber needs above the usual."""
     own = memory.own[0]
     doubt = memory.window[0].doubt[own.cycle % KEPT, c]
     asked = _COST_OF_DOUBT * doubt + _COST_OF_YOUTH * max(0.0, 1.0 - own.filled[c] / _GROWN_UP) ** 2
     for other in range(CHAMBER_COUNT):
         if other != c and (own.named[other] != 0 or own.alarm[other] >= 0):
             asked += _COST_OF_COMPANY
-    return parts.evidence + asked + (_COST_OF_LEAK if kind == _LEAK else 0.0)
+    return asked + (_COST_OF_LEAK if kind == _LEAK else 0.0)
 
 
 @part()
@@ -391,11 +391,11 @@ def _is_stuck_open(parts: DetectorParts, memory: DetectorMemory, c: int) -> bool
     own, verdict = memory.own[0], memory.verdict[c]
     if own.noise[c] > _TOO_NOISY * parts.noise_at or own.below[c] > 0:
         return False
-    suspected = own.alarm[c]
-    own.alarm[c] = suspected if suspected >= 0 else own.cycle
+    suspected, own.alarm[c] = own.alarm[c], own.cycle if own.alarm[c] < 0 else own.alarm[c]
     _look(parts, memory, c, True)
-    enough = verdict.evidence >= _asked(parts, memory, c, verdict.kind) and verdict.lead >= parts.lead_hurried
-    if verdict.kind != _STUCK_OPEN or not enough:
+    noisy = max(own.noise[c] + parts.noise_allowance - parts.noise_wildest, 0.0)  # more than by one jump
+    asked = parts.evidence_hurried + _asked(parts, memory, c, verdict.kind) + noisy
+    if verdict.kind != _STUCK_OPEN or verdict.evidence < asked or verdict.lead < parts.lead_hurried:
         own.alarm[c] = suspected
         return False
     tell(own, verdict.chamber, verdict.kind, verdict.severity, verdict.confidence)
@@ -441,7 +441,7 @@ def _explain(parts: DetectorParts, memory: DetectorMemory, c: int) -> None:
     _ask_for_probe(parts, own, verdict, c)
     if own.probe[c] > 0:
         return
-    if verdict.kind == 0 or verdict.evidence < _asked(parts, memory, c, verdict.kind):
+    if verdict.kind == 0 or verdict.evidence < parts.evidence + _asked(parts, memory, c, verdict.kind):
         return
     if verdict.lead < parts.lead and waited < parts.patience:
         return

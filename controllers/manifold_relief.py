@@ -5,10 +5,10 @@ gas, which has no other way to go: 100 ml at 250 kPa bring a chamber of 55 ml fr
 spread over the four chambers is below 100 kPa. So once a chamber is seen to be fed, the main supply is shut and the
 others take gas from the manifold and vent it, in turns, until the chamber is empty.
 
-A chamber is fed that has risen by `FED_Pa` over its lowest reading since its valve was last commanded to fill, whether
-that was in the safe state or before. It is relieved in the safe state only, where nothing else is wanted of the
-chambers. While setpoints are obeyed whoever names faults has time for it, and a reading that rises against its command
-may be another chamber's: opened to the manifold by such readings, that one is brought over its limit.
+A chamber is fed that has risen by `FED_Pa` over its lowest reading since its valve was shut, as far as it obeyed,
+whether that was in the safe state or before. It is relieved in the safe state only, where nothing else is wanted of
+the chambers. While setpoints are obeyed whoever names faults has time for it, and a reading that rises against its
+command may be another chamber's: opened to the manifold by such readings, that one is brought over its limit.
 
 A board that has lost its current cannot do this; its valves fall into the safe state, and the manifold's gas stays.
 """
@@ -26,9 +26,10 @@ from softbot.kernel_compiler import kernel
 FloatArray = NDArray[np.float64]
 
 FED_Pa = 4e3
-"""Rise over the lowest reading since the valve was last told to fill: eight deviations of a reading."""
-SETTLES = 3
-"""Periods after a valve was last told to fill, before what its chamber does tells anything."""
+"""Rise over the lowest reading since the valve was shut as far as it obeyed: eight deviations of a reading."""
+LEFT, SHUT = 0.4, 0.1
+"""Share of a valve's opening that is left a period after another was commanded, and the opening below which it is taken
+for shut: while it is not, what its chamber does tells nothing."""
 RELIEVED = 0.1
 """Share of the chambers' pressure limit below which a chamber need not be relieved (any more)."""
 TAKES_TO, SUPPLY_SHARE, VENTS_TO = 0.6, 0.7, 0.5
@@ -40,21 +41,24 @@ LONGEST_TAKING, SHORTEST_VENTING = 20, 5
 RELIEF = np.dtype(
     [
         ("lowest_Pa", np.float64, CHAMBER_COUNT),
-        ("not_filled", np.int64, CHAMBER_COUNT),
+        ("opened", np.float64, CHAMBER_COUNT),
+        ("fills", np.int64, CHAMBER_COUNT),
         ("fed", np.int64, CHAMBER_COUNT),
         ("takes", np.int64, CHAMBER_COUNT),
         ("turn", np.int64, CHAMBER_COUNT),
     ],
     align=True,
 )
-"""What a board remembers for it, as a record: the lowest reading and the periods since each valve was told to fill;
-which chambers are fed (1), and of the others which take gas or wait for room (1), and for how many cycles they have
-taken it, or vented."""
+"""What a board remembers for it, as a record: the lowest reading since each valve was shut; how far it is open if it
+obeys, and whether it was open at any time since the last reading (1); which chambers are fed (1), and of the others
+which take gas or wait for room (1), and for how many cycles they have taken it, or vented."""
 
 
 def relief_memory() -> Any:
     """Memory of a board that has read nothing, shape (1,) of RELIEF."""
-    return np.zeros(1, RELIEF).view(np.recarray)
+    memory = np.zeros(1, RELIEF).view(np.recarray)
+    memory[0]["lowest_Pa"] = np.nan
+    return memory
 
 
 @kernel()
@@ -70,7 +74,7 @@ def relieve_manifold(
     any_fed = False
     for i in range(CHAMBER_COUNT):
         shown = measured_Pa[i]
-        if own.not_filled[i] < SETTLES or not shown >= own.lowest_Pa[i]:
+        if own.fills[i] > 0 or not shown >= own.lowest_Pa[i]:
             own.lowest_Pa[i] = shown
         if not (rests and shown > RELIEVED * limit_Pa):  # where it is NaN too
             own.fed[i] = 0
@@ -90,5 +94,7 @@ def relieve_manifold(
             if own.takes[i] == 0 or room:
                 own.turn[i] += 1
             opening[i] = 1.0 if own.takes[i] > 0 and room else -1.0
-        own.not_filled[i] = own.not_filled[i] + 1 if opening[i] <= 0.0 else 0
+        before = own.opened[i]
+        own.opened[i] = LEFT * before + (1.0 - LEFT) * opening[i]
+        own.fills[i] = 1 if max(before, own.opened[i]) > SHUT else 0
     return any_fed

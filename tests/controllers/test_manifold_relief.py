@@ -55,6 +55,16 @@ def test_a_chamber_that_was_told_to_fill_may_rise_until_its_valve_has_shut():
         assert not relieve(memory, pressure)[0]
 
 
+def test_a_valve_that_was_hardly_open_shuts_sooner_than_one_that_was_told_to_stay_as_it_is():
+    fed = []
+    for opening, then in ((0.2, -0.1), (1.0, 0.0)):
+        memory = relief_memory()
+        for pressure in rising(5, first_Pa=20e3):
+            relieve(memory, pressure, rests=False, opening=np.full(4, opening))
+        fed.append([relieve(memory, pressure, opening=np.full(4, then))[0] for pressure in rising(6, first_Pa=45e3)])
+    assert fed == [[False, False, True, True, True, True], [False, False, False, False, True, True]]
+
+
 def test_while_setpoints_are_obeyed_nothing_is_changed_and_in_the_safe_state_it_is_known_at_once():
     memory = relief_memory()
     for pressure in rising(20, step_Pa=5e3):
