@@ -21,30 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers import (
-    chamber_gas,
-    chamber_observer,
-    commutation,
-    compensation,
-    detector_parts,
-    estimation,
-    excitation,
-    fault_answers,
-    fault_candidates,
-    fault_detection,
-    fault_following,
-    fault_naming,
-    gas_ledger,
-    held_bend,
-    inertial_observer,
-    proof,
-    recovery,
-    robot_model,
-    roll_balance,
-    roll_observer,
-    sequencer_parts,
-    supply_observer,
-)
 from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
 from controllers.estimation import follow_bend, follow_roll
@@ -73,11 +49,8 @@ from controllers.sequencer_parts import (
     SequencerParts,
     sequencer_memory,
 )
-from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
 from softbot.kernel_compiler import kernel, part
-from softbot.kernel_stamp import kernel_stamp
-from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
@@ -432,69 +405,28 @@ def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None
             own.setpoint_Pa[i] = min(max(reading.pressure_Pa[i], 0.0), most_Pa) + _PROBE_Pa
 
 
-def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel(nogil=True)
-    def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
-        """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
-        own, estimate = memory.own[0], memory.estimator[0]
-        step_s = 0.0 if math.isnan(own.last_t_s) else max(t_s - own.last_t_s, 0.0)
-        own.last_t_s = t_s
-        follow_roll(estimate, reading[0])
-        follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
-        memory.detector.own[0].rests = own.state == _SAFE
-        for i in range(CHAMBERS):
-            memory.detector.own[0].felt[i] = own.sighted[i]
-        detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        keep_ledger(parts.detector, memory.detector, memory.ledger[0], reading[0])
-        if parts.detects:
-            watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
-        _answer(parts, memory, reading[0], t_s)
-        _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
-        _probe(parts, memory, reading[0])
-        if parts.detects:
-            vent_full(parts.detector, memory.ledger[0], parts.model.pressure_limit_Pa, own.setpoint_Pa)
-        own.wants_armed = own.state != _DISARMED and own.state != _SAFE
-        return stamp > 0
-
-    return cycle
-
-
-cycle = _compile(
-    kernel_stamp(
-        actuator_equilibrium,
-        actuator_inverse,
-        chain,
-        chamber_gas,
-        chamber_observer,
-        commutation,
-        compensation,
-        detector_parts,
-        estimation,
-        excitation,
-        fault_answers,
-        fault_candidates,
-        fault_detection,
-        fault_following,
-        fault_naming,
-        gas_ledger,
-        held_bend,
-        hysteresis,
-        inertial_observer,
-        line,
-        material,
-        pneumatics,
-        prony,
-        proof,
-        recovery,
-        residual,
-        robot_model,
-        roll_balance,
-        roll_observer,
-        sequencer_parts,
-        supply_observer,
-        __file__,
-    )
-)
+@kernel(nogil=True)
+def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
+    """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
+    own, estimate = memory.own[0], memory.estimator[0]
+    step_s = 0.0 if math.isnan(own.last_t_s) else max(t_s - own.last_t_s, 0.0)
+    own.last_t_s = t_s
+    follow_roll(estimate, reading[0])
+    follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
+    memory.detector.own[0].rests = own.state == _SAFE
+    for i in range(CHAMBERS):
+        memory.detector.own[0].felt[i] = own.sighted[i]
+    detect(parts.detector, memory.detector, reading, estimate.volume_m3)
+    keep_ledger(parts.detector, memory.detector, memory.ledger[0], reading[0])
+    if parts.detects:
+        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
+    _answer(parts, memory, reading[0], t_s)
+    _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
+    _probe(parts, memory, reading[0])
+    if parts.detects:
+        vent_full(parts.detector, memory.ledger[0], parts.model.pressure_limit_Pa, own.setpoint_Pa)
+    own.wants_armed = own.state != _DISARMED and own.state != _SAFE
+    return True
 
 
 def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
