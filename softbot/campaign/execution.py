@@ -63,7 +63,12 @@ def direct_row(scene: Scene, known: Robot | None = None) -> dict[str, Any]:
 
 def rows_here(campaign: Campaign, source: str, folder: str, number: int) -> dict[str, Any]:
     """`run_row` in a process that has only the campaign's tables: what a worker does."""
-    return run_row(_draws(campaign.model_dump_json(), source, folder), number)
+    return run_row(draws_here(campaign, source, folder), number)
+
+
+def draws_here(campaign: Campaign, source: str, folder: str) -> Draws:
+    """The draws of a campaign's tables, in a process that is asked for them again and again."""
+    return _draws(campaign.model_dump_json(), source, folder)
 
 
 @functools.lru_cache(maxsize=4)

@@ -76,7 +76,7 @@ def campaign(
         _replay(draws, replay, folder, json=json)
         return
     if compare is not None:
-        _compare(draws, compare, twin, None if interface is None else (interface, channel), json=json)
+        _compare(draws, compare, twin, None if interface is None else (interface, channel), processes, json=json)
         return
     found = _carry_out(draws, folder, processes, scheduler)
     if json:
@@ -96,7 +96,9 @@ def _replay(draws: Any, number: int, folder: Path, *, json: bool) -> None:
     perform(run.scene, open_run_folder(run.scene.name, folder / f"run-{number}"), json=json, known=run.known)
 
 
-def _compare(draws: Any, count: int, twin: str, transport: tuple[str, str] | None, *, json: bool) -> None:
+def _compare(
+    draws: Any, count: int, twin: str, transport: tuple[str, str] | None, processes: int | None, *, json: bool
+) -> None:
     import json as json_format
 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -127,7 +129,12 @@ def _compare(draws: Any, count: int, twin: str, transport: tuple[str, str] | Non
     ):
         task = bar.add_task(f"{draws.campaign.name} on {twin}", total=count)
         found = compare(
-            draws, range(count), twin=twin, transport=transport, told=lambda one: bar.update(task, advance=1)
+            draws,
+            range(count),
+            twin=twin,
+            transport=transport,
+            processes=processes,
+            told=lambda one: bar.update(task, advance=1),
         )
     told = {"twin": twin, "bus": "virtual" if transport is None else " ".join(transport), **summary_of(found)}
     if json:
