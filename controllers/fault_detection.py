@@ -50,7 +50,9 @@ from controllers.detector_parts import (
     parts_of_detector,
 )
 from controllers.fault_following import begin_following, follow, give_up, likeliest, resume_following, severity_of
-from controllers.fault_naming import KEPT, name_fault, swelled_by
+from controllers.fault_naming import name_fault
+from controllers.fault_simulation import swelled_by
+from controllers.fault_window import KEPT
 from controllers.interface import Detection
 from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
