@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from softbot.spoken_offer import spoken_offer
+
 FILES = (("report", "report.html"), ("telemetry", "telemetry.parquet"), ("bus log", "bus.log"))
 """What a reader looks for in a run folder."""
 
@@ -55,6 +57,8 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         found.append(("detected", f"{one['t_s']:.2f} s: {_words(one)} ({late})"))
     for answer in summary["recoveries"]:
         found.append(("answered", f"{answer['t_s']:.2f} s: {str(answer['strategy']).replace('_', ' ')}"))
+        if isinstance(answer.get("offer"), dict):
+            found.append(("left", spoken_offer(answer["offer"])))
     if factor is not None:
         found.append(("speed", f"{factor:.1f} x real time ({summary['twin']} twin, {summary['accuracy']})"))
     return found

@@ -18,8 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.interface import STATES, STRATEGIES, Command, Detection, Order, Recovery
+from controllers.interface import STATES, Detection, Recovery
 from controllers.manifold_relief import relief_memory, relieve_manifold
+from controllers.offer import recovery_of
 from controllers.pressure_loop import PressureLoopGains, pack_pressure_loop, pressure_loop_step
 from controllers.sequencer import cycle as sequencer_cycle
 from controllers.sequencer import give_order
@@ -49,7 +50,7 @@ from softbot.nodes.ideal_bus import (
     tell_readings,
 )
 from softbot.nodes.plant_node import board_limits
-from softbot.nodes.sequencer_node import sequencer_tuning
+from softbot.nodes.sequencer_node import ordered, sequencer_tuning
 from softbot.nodes.valve_loop import designed_gains, nominal_volumes_m3
 from softbot.robot import Robot
 from softbot.sensing import READINGS
@@ -75,8 +76,8 @@ class Valves(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What the sequencer found and answered: rows (time, chamber, kind, confidence) and (time, strategy), and how
-    many."""
+    """What the sequencer found and answered: rows (time, chamber, kind, confidence) and (time, strategy, and
+    how far a stop leaves it to be pushed to the left and right), and how many."""
 
     found: FloatArray
     answers: FloatArray
@@ -247,6 +248,7 @@ def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
         k = heard.counts[1]
         if k < heard.answers.shape[0]:
             heard.answers[k, 0], heard.answers[k, 1] = t_s, own.answer[e]
+            heard.answers[k, 2], heard.answers[k, 3] = own.offered_rad[0], own.offered_rad[1]
             heard.counts[1] = k + 1
 
 
@@ -296,7 +298,7 @@ class DirectRun:
         reference, model, integral, opening, acted = (np.zeros(CHAMBER_COUNT) for _ in range(5))
         packed = pack_pressure_loop(self.gains or gains, known.pneumatics, volumes)
         self._valves = Valves(packed, reference, model, integral, opening, acted, relief_memory())
-        self.heard = Heard(np.zeros((_MOST_EVENTS, 4)), np.zeros((_MOST_EVENTS, 2)), np.zeros(2, dtype=np.int64))
+        self.heard = Heard(np.zeros((_MOST_EVENTS, 4)), np.zeros((_MOST_EVENTS, 4)), np.zeros(2, dtype=np.int64))
         self._readings = np.zeros(1, READINGS).view(np.recarray), np.zeros(1, READINGS).view(np.recarray)
         self._steps = steps_per_period(twin.step_s)
         self._order_cycle = max(0, math.ceil(own.start_s / CONTROL_PERIOD_S - 1e-7))
@@ -310,9 +312,7 @@ class DirectRun:
         at = 0
         while at < count:
             if self.done == self._order_cycle:
-                own = self.scene.sequencer
-                order = Order(Command(own.command), own.speed_rev_s, own.distance_m)
-                give_order(self.memory, order, self.done * CONTROL_PERIOD_S)
+                give_order(self.memory, ordered(self.scene.sequencer), self.done * CONTROL_PERIOD_S)
             part = self._until_something_changes(count - at)
             self._run(Traces(traces.trace[at : at + part], traces.rows[at : at + part]), part)
             at += part
@@ -402,7 +402,8 @@ class DirectRun:
 
     def recoveries(self) -> list[Recovery]:
         """Changes of strategy so far."""
-        return [Recovery(float(t_s), STRATEGIES[int(n)]) for t_s, n in self.heard.answers[: self.heard.counts[1]]]
+        answers = self.heard.answers[: self.heard.counts[1]].tolist()
+        return [recovery_of(t_s, int(n), left_rad, right_rad) for t_s, n, left_rad, right_rad in answers]
 
 
 def run_direct(
@@ -431,7 +432,7 @@ def run_direct(
     )
     recorder.note_faults(run.plant.conditions.active)
     recorder.events.detections = [asdict(found) for found in run.detections()]
-    recorder.events.recoveries = [asdict(answer) for answer in run.recoveries()]
+    recorder.events.recoveries = [answer.entry() for answer in run.recoveries()]
     return RunResult(*recorder.finish(run.plant.steps, run.plant.t_s, "done"))
 
 

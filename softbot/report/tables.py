@@ -12,6 +12,7 @@ from typing import Any
 
 from softbot.report.headline import spoken_kind
 from softbot.report.recording import Recording
+from softbot.spoken_offer import spoken_offer
 
 MINUS = "\N{MINUS SIGN}"
 ABSENT = "\N{EM DASH}"
@@ -106,7 +107,8 @@ def _event_text(title: str, entry: Mapping[str, Any]) -> str:
     chamber = entry.get("chamber")
     where = f"chamber {chamber}" if chamber is not None else ""
     if title == "recovery":
-        return spoken_kind(entry.get("strategy", "recovery"))
+        strategy, offer = spoken_kind(entry.get("strategy", "recovery")), entry.get("offer")
+        return f"{strategy}: {spoken_offer(offer)}" if isinstance(offer, dict) else strategy
     if title == "stall":
         theta = entry.get("theta_rad")
         at = f"θ = {number(theta, DEGREES, 3)}°" if isinstance(theta, int | float) else ""

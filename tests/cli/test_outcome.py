@@ -36,6 +36,13 @@ def test_every_number_has_its_unit() -> None:
     ]
 
 
+def test_a_safe_stop_says_what_is_left() -> None:
+    stop = {"t_s": 12.0, "strategy": "safe_stop", "offer": {"left_rad": 0.5, "right_rad": 1.0}}
+    told = rows(SUMMARY | {"recoveries": [stop]})
+    assert ("answered", "12.00 s: safe stop") in told
+    assert ("left", "can still be rocked, 29° left and 57° right") in told
+
+
 def test_what_a_run_does_not_have_is_left_out() -> None:
     bare = SUMMARY | {"advance_per_revolution_m": None, "real_time_factor": None}
     bare |= {"faults": [], "detections": [], "recoveries": []}

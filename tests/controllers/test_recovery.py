@@ -181,3 +181,29 @@ def test_where_neither_side_gives_anything_the_robot_is_straightened():
         plan = Rolling(pair, side).cycle(math.pi / 2 - 0.3, bent_rad=math.pi / 2)
         assert plan["share"] == 0.0
         assert Rolling(pair, side).cycle(math.pi / 2 + 0.3, bent_rad=math.pi / 2)["share"] == 1.0
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    roll=angles,
+    rate=st.floats(-6.0, 6.0),
+    side=sides,
+    forward=sides,
+    lead=st.floats(0.1, 1.5),
+    strength=strengths,
+    bent=angles,
+    size=st.floats(0.0, 1.0),
+)
+def test_the_plan_for_the_right_is_the_mirror_image_of_that_for_the_left(
+    roll, rate, side, forward, lead, strength, bent, size
+):
+    """Mirrored at the vertical plane of the tangent, and in the body at the axis through chambers 0 and 2."""
+    here = Rolling(strength, side, forward, lead)
+    there = Rolling(strength[[0, 3, 2, 1]], -side, -forward, lead)
+    plan = here.cycle(roll, rate, bent, size)
+    image = there.cycle(math.pi - roll, -rate, -bent, size)
+    assert there.side == -here.side
+    assert bool(image["reversing"]) is bool(plan["reversing"])
+    for across in (math.cos, math.sin):
+        mirrored = across(plan["direction_rad"]) * (1.0 if across is math.cos else -1.0)
+        assert image["share"] * across(image["direction_rad"]) == pytest.approx(plan["share"] * mirrored, abs=1e-6)

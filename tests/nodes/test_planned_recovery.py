@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.interface import STATES, SequencerState
+from controllers.interface import STATES, Offer, SequencerState
 from controllers.pressure_loop import PressureLoopGains
 from sim.scene import scene_from
 from softbot.nodes.direct import TRACE, DirectRun
@@ -31,6 +31,7 @@ class Run:
         *,
         kind: str = "rupture",
         severity: float = 1.0,
+        struck_s: float = STRUCK_S,
         command: str = "left",
         **sequencer: Any,
     ) -> None:
@@ -41,7 +42,7 @@ class Run:
                 "sequencer": {"command": command, **sequencer},
                 "solver": {"twin": "rod", "accuracy": "fast", "duration_s": END_S},
                 "fault": [
-                    {"t_s": STRUCK_S, "chamber": chamber, "kind": kind, "severity": severity} for chamber in chambers
+                    {"t_s": struck_s, "chamber": chamber, "kind": kind, "severity": severity} for chamber in chambers
                 ],
             },
             "recovery.toml",
@@ -50,7 +51,8 @@ class Run:
         run = DirectRun(scene, gains=gains)
         self.limit_Pa = scene.robot.max_pressure_Pa
         self.trace = run.advance(round(END_S / 0.01)).trace
-        self.strategies = [answer.strategy for answer in run.recoveries()]
+        self.answers = run.recoveries()
+        self.strategies = [answer.strategy for answer in self.answers]
         self.state = STATES[int(self.trace[-1, _STATE])]
         turns = (-1.0 if command == "left" else 1.0) * self.trace[:, _ROLL] / (2.0 * math.pi)
         since = round(SETTLED_S / 0.01)
@@ -102,3 +104,13 @@ def test_without_any_chamber_it_stops_and_says_so(gains):
     assert run.state is SequencerState.SAFE
     assert run.strategies[-1] == "safe_stop"
     assert run.trace[-100:, _PRESSURES].max() < 2e3
+    assert run.answers[-1].offer == Offer(0.0, 0.0)
+
+
+def test_level_on_the_line_of_two_opposite_chambers_it_stops_safely_and_says_that_nothing_is_left(gains):
+    run = Run(gains, (1, 3), struck_s=0.2, turn_back=True)
+    assert run.state is SequencerState.SAFE
+    assert run.strategies[-1] == "safe_stop"
+    assert run.strategies.count("safe_stop") == 1
+    assert "rock_free" in run.strategies
+    assert max(run.answers[-1].offer.left_rad, run.answers[-1].offer.right_rad) < 0.1
