@@ -15,6 +15,7 @@ from controllers.recovery import RECOVERY, RecoveryTuning, best_on_side, plan_ro
 from softbot.rolling import reachable_half_plane
 
 TUNING = RecoveryTuning()
+WEAK_AND_NOT = [(0.0, 0.0, 0.0), (0.7, 0.0, 0.12), (0.7, 0.1, 0.0), (0.95, 0.0, 0.0)]
 LAG_S, AGILITY_1_S2 = 0.15, 500.0
 angles = st.floats(-20.0, 20.0)
 sides = st.sampled_from([1, -1])
@@ -30,7 +31,7 @@ class Rolling:
 
     def __init__(self, strength: Any, side: int = 1, forward: int = 1, lead_rad: float = 0.5) -> None:
         self.strength, self.side, self.forward, self.lead_rad = strength, side, forward, lead_rad
-        self.plans, self.t_s = fresh(), 0.0
+        self.plans, self.t_s, self.held = fresh(), 0.0, np.zeros(4)
         self.plans[0]["direction_rad"] = math.nan
 
     def cycle(self, roll_rad: float, rate_rad_s: float = 0.0, bent_rad: float | None = None, size: float = 1.0) -> Any:
@@ -47,7 +48,7 @@ class Rolling:
             rate_rad_s,
             bent,
             self.strength,
-            np.zeros(4),
+            self.held,
             self.t_s,
             LAG_S,
             AGILITY_1_S2,
@@ -153,6 +154,20 @@ def test_a_reversal_is_held_until_the_c_has_flipped_but_not_for_ever():
             rolling.cycle(roll, bent_rad=math.pi / 2, size=size)
             assert rolling.side == -1 or held > 1000
         assert held <= 11 if flips else held * 0.01 == pytest.approx(TUNING.longest * LAG_S, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("strength", "held", "left"), [(0.0, 0.0, 0.0), (0.7, 0.0, 0.12), (0.7, 0.1, 0.0), (0.95, 0.0, 0.0)]
+)
+def test_with_a_weak_chamber_in_use_the_line_is_left_while_a_little_is_still_on_the_old_side(strength, held, left):
+    rolling = Rolling(np.array([1.0, 1.0, strength, 1.0]), side=-1)
+    rolling.held[0] = held
+    plan, roll_rad = rolling.plans[0], math.pi / 2 + 0.2
+    plan["reversing"], plan["line_rad"], plan["began_rad"] = True, math.pi / 2, roll_rad
+    for size in np.arange(0.3, -0.1, -0.01):
+        if not rolling.cycle(roll_rad, bent_rad=-math.pi / 2, size=size)["reversing"]:
+            break
+    assert size == pytest.approx(left, abs=0.011)
 
 
 @pytest.mark.parametrize("strength", [0.98, 0.92])
