@@ -36,6 +36,8 @@ def read_toml(path: Path) -> Table:
         raise InputError(f"{path}: is a folder; name a TOML file") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start}); save it as UTF-8") from None
+    except ValueError:  # what no file system takes for a name: a zero byte
+        raise InputError(f"{str(path)!r}: is no path; take the zero byte out") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if not text.strip():
@@ -110,6 +112,8 @@ def _explain(detail: Any, model: type[pydantic.BaseModel]) -> str:
     if kind in ("missing", "missing_argument"):
         return f"{key}: missing; add it{_description(model, place)}"
     message = _IN_TOML.get(kind) or detail["msg"].removeprefix("Value error, ")
+    if kind == "too_short":
+        message = f"input should be a list of {detail['ctx']['min_length']} or more"
     if kind in _LISTS and isinstance(value, dict):
         message = f"input should be a list of tables, each under [[{key}]]"
     message = message[0].lower() + message[1:]
@@ -183,7 +187,7 @@ def _description(model: Any, place: list[Any]) -> str:
 
 
 def _entry(place: list[Any], index: str, assignment: str) -> Any:
-    if not index.isdigit() or int(index) >= len(place):
+    if index not in map(str, range(len(place))):
         raise InputError(
             f"--set {assignment!r}: {index!r} is no entry of that list; it has {len(place)}, counted from 0"
         )
@@ -192,9 +196,10 @@ def _entry(place: list[Any], index: str, assignment: str) -> Any:
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+        tables = tomllib.loads(f"value = {text.strip()}")
+    except (ValueError, RecursionError):  # no TOML, a number of too many digits, brackets too deep
         return text.strip()
+    return tables["value"] if len(tables) == 1 else text.strip()
 
 
 def _copy(value: Any) -> Any:
