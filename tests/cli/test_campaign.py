@@ -23,6 +23,8 @@ SMOKE = Path(__file__).parents[2] / "campaigns" / "smoke.toml"
         (("--set", "scene.solver.twin=bullet"), 'smoke.toml: scene.solver.twin = "bullet": a campaign runs "rod"'),
         (("--set", "case=[]"), "smoke.toml: case = []: input should be a list of 1 or more"),
         (("--set", "mismatch.x=1"), "smoke.toml: mismatch.x = 1: input should be {choose = […]}, {low = …, high"),
+        (("--set", "mismatch.x={lo=1, high=2}"), "smoke.toml: mismatch.x.lo: unknown key; did you mean low?"),
+        (("--set", "vary.x={low=nan, high=2}"), "smoke.toml: vary.x.low = nan: input should be a finite number (the"),
         (("--processes", "0"), "'--processes'"),
     ],
 )
