@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from firmware_protocol.errors import BusError
 from sim.run_many import run_many
 from sim.scene import scene_from
 from softbot.campaign.bus_run import bus_row
 from softbot.campaign.campaign import Campaign, Draws
 from softbot.campaign.execution import direct_row, draws_here
 from softbot.campaign.outcome import FAULTS
-from softbot.errors import SimulationError, SoftbotError
+from softbot.errors import InputError, SimulationError, SoftbotError
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def compare(
 
     transport: interface and channel of the bus, which all runs share, one after another; None: a virtual one for each.
     processes: default one a core. told: told of each run as it ends. A run that fails either way has no verdict.
-    Raises InputError for what the other twin cannot run, BusError when the bus cannot be opened.
+    Raises InputError for what the other twin cannot run, and when the bus cannot be opened.
     """
     found: list[Compared] = []
 
@@ -98,7 +99,10 @@ def _compared(
     table["solver"]["twin"] = twin
     again = scene_from(table, f"{draws.source}: run {number}", draws.folder)  # it may refuse what the rod takes
     ours, our_delay_s = _judged(partial(direct_row, run.scene, run.known))
-    theirs, their_delay_s = _judged(partial(bus_row, again, run.known, transport=transport))
+    try:
+        theirs, their_delay_s = _judged(partial(bus_row, again, run.known, transport=transport))
+    except BusError as error:  # foreseen: a bus that there is not
+        raise InputError(str(error)) from None
     return Compared(number, run.case, ours, theirs, our_delay_s, their_delay_s)
 
 

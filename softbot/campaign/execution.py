@@ -128,6 +128,8 @@ def open_campaign(draws: Draws, folder: Path) -> None:
     """Make the folder of a campaign, or see that it is this campaign's. Raises InputError when it is another's."""
     path = folder / CAMPAIGN_FILE
     table = campaign_table(draws.campaign)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out {folder}: is a file; name a folder")
     if path.exists():
         before = read_toml(path)
         if _without_runs(before) != _without_runs(json.loads(json.dumps(table))):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from softbot.cli.options import Assignments, Json
+from softbot.cli.options import Json
 
 
 def campaign(
@@ -18,9 +18,16 @@ def campaign(
         Path | None,
         typer.Option(help="Folder of the campaign; one that was begun there goes on. Default: runs/NAME."),
     ] = None,
-    assignments: Assignments = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="A.B=VALUE",
+            help="Override a value of the campaign, as scene.solver.duration_s=20; may be given many times.",
+        ),
+    ] = None,
     runs: Annotated[int | None, typer.Option(help="Number of runs, in place of the file's.")] = None,
-    processes: Annotated[int | None, typer.Option(help="Processes. Default: one for each core.")] = None,
+    processes: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one for each core.")] = None,
     matters: Annotated[
         bool,
         typer.Option(
@@ -57,7 +64,10 @@ def campaign(
 
     from softbot.campaign.campaign import load_campaign
     from softbot.campaign.execution import CAMPAIGN_FILE, campaign_in
+    from softbot.errors import InputError
 
+    if replay is not None and compare is not None:
+        raise InputError("--replay and --compare: give one of them; each makes runs of its own")
     given = list(assignments or [])
     if runs is not None:
         given.append(f"runs={runs}")

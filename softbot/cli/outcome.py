@@ -17,6 +17,7 @@ def show(folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from softbot.errors import InputError
     from softbot.report.headline import headline
     from softbot.report.recording import read_recording
 
@@ -24,7 +25,12 @@ def show(folder: Path) -> None:
     console = Console()
     console.print(headline(recording), style="bold", highlight=False)
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in rows(recording.summary):
+    try:
+        found = rows(recording.summary)
+    except KeyError as error:
+        path = folder / "summary.json"
+        raise InputError(f"{path}: {error.args[0]}: missing; run the scene again with this version") from None
+    for name, value in found:
         table.add_row(f"{name:11}", value)
     console.print(table)
     for label, name in FILES:

@@ -66,6 +66,8 @@ def test_over_a_bus_the_verdicts_are_the_campaigns(make_draws: Make) -> None:
 def test_what_the_other_twin_cannot_run_is_refused(make_draws: Make) -> None:
     with pytest.raises(InputError, match="twin"):
         compare(make_draws(), [0], twin="mujoco")
+    with pytest.raises(InputError, match="CAN interface 'nonsense'"):
+        compare(make_draws(), [0], transport=("nonsense", "vcan0"))
 
 
 def test_processes_share_the_runs_and_change_nothing(make_draws: Make) -> None:
