@@ -51,7 +51,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["revolutions"] is None:
         found.append(("revolutions", f"{summary['total_revolutions']:+.2f} in all; it ended before it was steady"))
     else:
-        found.append(("revolutions", f"{summary['revolutions']:+.2f} in {summary['steady_span_s']:.1f} s"))
+        found.append(("revolutions", f"{summary['revolutions']:+.2f} in the last {summary['steady_span_s']:.1f} s"))
         found.append(("moved", f"{100.0 * x_m:+.1f} cm along, {100.0 * y_m:+.1f} cm to the left"))
     if advance_m is not None:
         found.append(("advance", f"{1e3 * advance_m:.1f} mm per revolution"))

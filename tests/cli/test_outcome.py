@@ -25,7 +25,7 @@ SUMMARY: dict[str, Any] = {
 
 def test_every_number_has_its_unit() -> None:
     assert rows(SUMMARY) == [
-        ("revolutions", "-4.25 in 17.5 s"),
+        ("revolutions", "-4.25 in the last 17.5 s"),
         ("moved", "+1.2 cm along, -25.0 cm to the left"),
         ("advance", "58.9 mm per revolution"),
         ("fault", "10.00 s: chamber 2, blocked inlet"),
