@@ -64,7 +64,7 @@ def print_laws(fine_scene: Scene, fine: dict) -> None:  # type: ignore[type-arg]
     """Error of each choice alone, the two others fine."""
     demand, own = Demand.of(fine_scene), fine_scene.solver
     assert own.modes is not None
-    least = own.modes + 1 + (own.modes + 1) % 2
+    least = 2 * own.modes + 2  # fewer do not see how it bends
     modes = (count for count in MODES if count < own.modes)
     points = (count for count in POINTS if count >= least)
     steps = (step_s for step_s in STEPS_S if step_s > 2.0 * (own.step_s or 0.0) and _may_step(fine_scene, step_s))

@@ -12,7 +12,7 @@ from controllers.chamber_gas import Gas, gas_of
 from controllers.chamber_observer import OBSERVER, STATES
 from controllers.fault_candidates import CANDIDATES, Candidates
 from controllers.fault_following import FOLLOWER
-from controllers.fault_naming import SCRATCH, VERDICT, WINDOW
+from controllers.fault_window import SCRATCH, VERDICT, WINDOW
 from controllers.supply_observer import SUPPLY
 from softbot.faults import CHAMBER_COUNT, KINDS
 from softbot.pneumatics import PneumaticsParameters

@@ -7,7 +7,8 @@ A row for each kind: the severity from which the chamber is dead (not used any m
 believed that is lost each cycle (it comes to be taken as vented, and is; at once where the sensor shows nothing of the
 pressure, while the chamber is vented where it still follows it), the severity from which rolling on is forbidden, how
 much of its effect a chamber loses for each unit of severity where it is still used, and the severity from which it
-holds its pressure whatever is commanded, so that the others have to work beside it (`controllers.held_bend`).
+holds its pressure whatever is commanded, so that the others have to work beside it (`controllers.held_bend`). Last,
+whether what forbids rolling on leaves the other way open.
 """
 
 from __future__ import annotations
@@ -22,9 +23,10 @@ from softbot.kernel_compiler import kernel
 
 FloatArray = NDArray[np.float64]
 
-DEAD_FROM, BLIND, FORBIDS_FROM, LOSS, HOLDS_FROM = range(5)
+DEAD_FROM, BLIND, FORBIDS_FROM, LOSS, HOLDS_FROM, LEAVES_OTHER_WAY = range(6)
 _NEVER, _ALWAYS = math.inf, -math.inf
 _FADING = 0.03  # a third of a second, in which a chamber is vented
+_BARS_ONE_WAY = (FaultKind.OBSTACLE,)
 
 _ROWS: dict[FaultKind, tuple[float, float, float, float, float]] = {
     FaultKind.RUPTURE: (_ALWAYS, 0.0, _NEVER, 0.0, _NEVER),
@@ -58,9 +60,9 @@ _ROWS: dict[FaultKind, tuple[float, float, float, float, float]] = {
 
 def answers() -> FloatArray:
     """The table for compiled code: a row for each number of a kind (0: none), columns as the constants say."""
-    table = np.tile(np.array([_NEVER, 0.0, _NEVER, 0.0, _NEVER]), (len(KINDS) + 1, 1))
+    table = np.tile(np.array([_NEVER, 0.0, _NEVER, 0.0, _NEVER, 0.0]), (len(KINDS) + 1, 1))
     for kind, row in _ROWS.items():
-        table[KIND_CODES[kind]] = row
+        table[KIND_CODES[kind]] = *row, float(kind in _BARS_ONE_WAY)
     return table
 
 

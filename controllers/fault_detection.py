@@ -31,15 +31,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers import (
-    chamber_gas,
-    chamber_observer,
-    detector_parts,
-    fault_candidates,
-    fault_following,
-    fault_naming,
-    supply_observer,
-)
 from controllers.chamber_gas import lagged_opening
 from controllers.chamber_observer import (
     INLET,
@@ -60,13 +51,13 @@ from controllers.detector_parts import (
     parts_of_detector,
 )
 from controllers.fault_following import begin_following, follow, give_up, likeliest, resume_following, severity_of
-from controllers.fault_naming import KEPT, name_fault, swelled_by
+from controllers.fault_naming import name_fault
+from controllers.fault_simulation import swelled_by
+from controllers.fault_window import KEPT
 from controllers.interface import Detection
 from controllers.supply_observer import begin_supply, drawn_kg_s, observe_supply, weigh_supply
-from softbot import pneumatics
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
 from softbot.kernel_compiler import kernel, part, unit
-from softbot.kernel_stamp import kernel_stamp
 from softbot.pneumatics import PneumaticsParameters
 from softbot.sensing import READINGS, LEAST_READING_Pa, Readings, SensorParameters
 
@@ -543,58 +534,37 @@ def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
         tell(own, NO_CHAMBER, kind, 1.0, 1.0)
 
 
-def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @unit(from_python=True)
-    def detect(
-        parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray
-    ) -> bool:
-        """One cycle of the detector; its verdicts stand in memory until the next. reading_memory: (1,) of READINGS.
+@unit(from_python=True)
+def detect(parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray) -> bool:
+    """One cycle of the detector; its verdicts stand in memory until the next. reading_memory: (1,) of READINGS.
 
-        chamber_volume_m3 (4,): by the law, dead volume not counted.
-        """
-        own, reading = memory.own[0], reading_memory[0]
-        own.found = 0
-        whole = math.isfinite(reading.supply_Pa)
+    chamber_volume_m3 (4,): by the law, dead volume not counted.
+    """
+    own, reading = memory.own[0], reading_memory[0]
+    own.found = 0
+    whole = math.isfinite(reading.supply_Pa)
+    for c in range(CHAMBER_COUNT):
+        whole = whole and math.isfinite(reading.pressure_Pa[c]) and math.isfinite(reading.opening[c])
+        whole = whole and chamber_volume_m3[c] + parts.gas.dead_volume_m3[c] > 0.0
+    if not whole:
+        return True
+    step_s = reading.t_s - own.last_t_s
+    begins = math.isnan(own.last_t_s)
+    lost = not begins and not 0.2 * parts.period_s < step_s < _LONGEST_STEP * parts.period_s
+    own.cycle += 1
+    if begins or lost:
+        _resume(parts, memory, reading, begins, not 0.0 < step_s < _FORGETTING_STEP * parts.period_s)
         for c in range(CHAMBER_COUNT):
-            whole = whole and math.isfinite(reading.pressure_Pa[c]) and math.isfinite(reading.opening[c])
-            whole = whole and chamber_volume_m3[c] + parts.gas.dead_volume_m3[c] > 0.0
-        if not whole:
-            return stamp > 0
-        step_s = reading.t_s - own.last_t_s
-        begins = math.isnan(own.last_t_s)
-        lost = not begins and not 0.2 * parts.period_s < step_s < _LONGEST_STEP * parts.period_s
-        own.cycle += 1
-        if begins or lost:
-            _resume(parts, memory, reading, begins, not 0.0 < step_s < _FORGETTING_STEP * parts.period_s)
-            for c in range(CHAMBER_COUNT):
-                own.volume_m3[c] = chamber_volume_m3[c] + parts.gas.dead_volume_m3[c]
-        else:
-            _follow(parts, memory, reading, chamber_volume_m3, step_s)
-            if own.held > 0:
-                own.held -= 1
-            _judge(parts, memory, reading, own.held == 0)
-            if not own.rests:
-                _judge_supply(parts, memory, reading, step_s)
-                _judge_imu(parts, own, reading)
-        for c in range(CHAMBER_COUNT):
-            own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
-        own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
-        return stamp > 0
-
-    return detect
-
-
-# its own kernels are compiled into it, so that none of them is found in the cache as it was before a change elsewhere
-detect = _compile(
-    kernel_stamp(
-        chamber_gas,
-        chamber_observer,
-        detector_parts,
-        fault_candidates,
-        fault_following,
-        fault_naming,
-        supply_observer,
-        pneumatics,
-        __file__,
-    )
-)
+            own.volume_m3[c] = chamber_volume_m3[c] + parts.gas.dead_volume_m3[c]
+    else:
+        _follow(parts, memory, reading, chamber_volume_m3, step_s)
+        if own.held > 0:
+            own.held -= 1
+        _judge(parts, memory, reading, own.held == 0)
+        if not own.rests:
+            _judge_supply(parts, memory, reading, step_s)
+            _judge_imu(parts, own, reading)
+    for c in range(CHAMBER_COUNT):
+        own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
+    own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
+    return True

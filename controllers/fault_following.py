@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from controllers.chamber_gas import Gas, lagged_opening, next_pressure
 from controllers.chamber_observer import HOLE, INLET, MODEL_ERROR, OFFSET, OUTLET, STATES, between
 from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
-from controllers.fault_naming import EVIDENCE, KEPT, USUAL_DRIFT, ballooned, swelled_by, unfelt_Pa
+from controllers.fault_naming import EVIDENCE, USUAL_DRIFT
+from controllers.fault_simulation import ballooned, swelled_by, unfelt_Pa
+from controllers.fault_window import KEPT
 from softbot.faults import SENSOR_SCALE_LOSS, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
 from softbot.kernel_compiler import kernel, part
 

@@ -17,121 +17,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.chamber_gas import Gas, lagged_opening, next_pressure
-from controllers.chamber_observer import HOLE, INLET, OFFSET, OUTLET, PRESSURE, STATES, between
-from controllers.fault_candidates import COUNT, Candidates, Change, changed_ways
-from softbot.faults import (
-    BALLOON_LOSS,
-    CHAMBER_COUNT,
-    KINDS,
-    BALLOON_VOLUME_1_Pa,
-    SENSOR_DRIFT_Pa_s,
-    SENSOR_OFFSET_Pa,
-)
+from controllers.chamber_gas import Gas
+from controllers.chamber_observer import OFFSET
+from controllers.fault_candidates import COUNT, Candidates, Change
+from controllers.fault_simulation import SIMULATED_Pa, growth_in, simulate
+from controllers.fault_window import KEPT
+from softbot.faults import CHAMBER_COUNT, SENSOR_DRIFT_Pa_s, SENSOR_OFFSET_Pa
 from softbot.kernel_compiler import part
 
 FloatArray = NDArray[np.float64]
 
-KEPT = 128
-"""Cycles that are kept."""
 ONSETS = np.array([2, 5, 9, 14, 22, 34, 50, 70, 95], dtype=np.int64)
 """Cycles before the alarm at which the fault may have struck."""
 EVIDENCE = 0.7
 """What one reading counts: errors of the model are correlated over a few cycles."""
-SYSTEMATIC_SHARE, SIMULATED_Pa = 0.05, 350.0
-"""Deviation of a simulated pressure: of the whole way that it has come, by one common factor for what was filled and
-one for what was vented, and of each by itself."""
+SYSTEMATIC_SHARE = 0.05
+"""Deviation of the whole way that a simulated pressure has come, by one common factor for what was filled and one for
+what was vented."""
 _SWELLING_SHARE = 0.15
 """Deviation of the factor of what swelling did: the shape is known by a law and by gains that may be a fifth off."""
 _MOST_SHARES = 2.5
 """Deviations of these factors at most: a way not come at all is no error of the model."""
-FASTEST_SWELLING = 0.05
-"""Of a volume, in one cycle."""
-TIMING_KEPT = 0.9
-"""Share of what a valve's moving may have made of the pressure that is still there a cycle later, squared."""
 WORST, WILD = 12.0, 3.0
 """Cost of one reading from which on it grows by so much with its logarithm only: however wild, one alone is no proof,
 and many far off are still worse than as many less far."""
-_INLET, _OUTLET, _BOTH = int(Change.INLET), int(Change.OUTLET), int(Change.BOTH)
-_FORCED, _LAG, _WIDENING = int(Change.FORCED), int(Change.LAG), int(Change.WIDENING)
+_INLET, _OUTLET, _BOTH, _FORCED = int(Change.INLET), int(Change.OUTLET), int(Change.BOTH), int(Change.FORCED)
 _SCALE, _OFFSET, _DRIFT, _SWAP = int(Change.SCALE), int(Change.OFFSET), int(Change.DRIFT), int(Change.SWAP)
-
-
-KIND_COUNT = len(KINDS) + 1
-
-WINDOW = np.dtype(
-    [
-        ("step_s", np.float64, KEPT),
-        ("reading_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("supply", np.float64, KEPT),
-        ("commanded", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("opening", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("lagged", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("volume_m3", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("swelling", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("felt", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("x", np.float64, (KEPT, CHAMBER_COUNT, STATES)),
-        ("timing_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("doubt", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("innovation_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
-        ("deviation_Pa", np.float64, (KEPT, CHAMBER_COUNT)),
-    ],
-    align=True,
-)
-"""What is kept of the last cycles, a place each in turn: readings, absolute supply that acted until then, openings
-(commanded, mean and lagged), volumes, and what the filters believed after each; `felt`: share of a reading that the
-shape was reckoned with; `doubt`: deviation of the conductances that they had learnt."""
-
-VERDICT = np.dtype(
-    [
-        ("kind", np.int64),
-        ("candidate", np.int64),
-        ("chamber", np.int64),
-        ("severity", np.float64),
-        ("evidence", np.float64),
-        ("lead", np.float64),
-        ("confidence", np.float64),
-        ("since", np.int64),
-        ("growth_m3_Pa", np.float64),
-        ("best", np.float64, KIND_COUNT),
-        ("onset", np.int64, COUNT),
-        ("fitted", np.float64, COUNT),
-        ("where", np.int64, COUNT),
-    ],
-    align=True,
-)
-"""What explains a chamber best, as a record: kind by number, severity, evidence against a healthy robot, lead over the
-next kind (both logarithms of likelihood ratios), posterior of the kind, cycles since the onset; by how much the chamber
-grows with each pascal on its wall, as it was before anything was named; `best` evidence of each kind; of each candidate
-where it was best: cycle of the onset, severity, chamber."""
-
-MOST_TERMS = 6
-"""Terms that are fitted to the readings."""
-SCRATCH = np.dtype(
-    [
-        ("simulated_Pa", np.float64, KEPT),
-        ("deviation_Pa", np.float64, KEPT),
-        ("filled_Pa", np.float64, KEPT),
-        ("vented_Pa", np.float64, KEPT),
-        ("swelled_Pa", np.float64, KEPT),
-        ("start", np.float64, KEPT),
-        ("terms", np.float64, MOST_TERMS),
-        ("known", np.float64, MOST_TERMS),
-        ("normal", np.float64, (MOST_TERMS, MOST_TERMS + 1)),
-        ("healthy", np.float64, KEPT),
-        ("best", np.float64, COUNT),
-        ("severity", np.float64, COUNT),
-        ("since", np.int64, COUNT),
-        ("where", np.int64, COUNT),
-        ("growth_m3_Pa", np.float64),
-    ],
-    align=True,
-)
-"""Scratch of a look, as a record. What was simulated last: gauge pressures, how far each may be off, the ways that it
-has come while it was filled and while it was vented (as far as the pressure still depends on them), of these what the
-chamber's swelling did, and how much of an error at the start is still in it. What is fitted: its terms for a reading,
-the deviations that are known of it before, and its normal equations. Then the cost of a healthy chamber by cycles since
-the onset, and of each candidate what explains best so far."""
 
 
 @part()
@@ -139,136 +50,6 @@ def _cost(error_Pa: float, deviation_Pa: float) -> float:
     ratio = error_Pa / deviation_Pa
     cost = 0.5 * ratio * ratio
     return (cost if cost < WORST else WORST + WILD * math.log(cost / WORST)) + math.log(deviation_Pa)
-
-
-@part()
-def _widened(gas: Gas, pressure: float, widening_1_Pa: float) -> float:
-    """The absolute pressure of a chamber's gas after its wall has given way: p (1 + w (p − p_a)) = p before."""
-    if pressure <= gas.atmosphere_Pa or widening_1_Pa <= 0.0:
-        return pressure
-    linear = 1.0 - widening_1_Pa * gas.atmosphere_Pa
-    return (math.sqrt(linear * linear + 4.0 * widening_1_Pa * pressure) - linear) / (2.0 * widening_1_Pa)
-
-
-@part()
-def _growth_m3_Pa(window: Any, chamber: int) -> float:
-    """By how much the shape that is believed makes a chamber larger with each pascal that its wall is taken to feel."""
-    count = volume = felt = both = square = 0.0
-    for k in range(KEPT):
-        if window.volume_m3[k, chamber] > 0.0:
-            v, p = window.volume_m3[k, chamber], window.felt[k, chamber] * window.reading_Pa[k, chamber]
-            count, volume, felt, both, square = count + 1.0, volume + v, felt + p, both + v * p, square + p * p
-    spread = square - felt * felt / max(count, 1.0)
-    return max(both - volume * felt / max(count, 1.0), 0.0) / spread if spread > 0.0 else 0.0
-
-
-@part()
-def unfelt(change: int, value: float, felt: float) -> float:
-    """Share of a chamber's gauge pressure that its wall feels if this is wrong with it, and the shape does not know of.
-
-    felt: share of what was shown that the shape was reckoned with.
-    """
-    if change == _WIDENING:
-        return 1.0 - BALLOON_LOSS / BALLOON_VOLUME_1_Pa * value - felt
-    return 1.0 - felt * (value if change == _SCALE else 1.0)
-
-
-@part()
-def unfelt_Pa(change: int, value: float, felt: float, gauge_Pa: float, shown_Pa: float) -> float:
-    """The pressure that the wall feels and the shape does not know of; of what adds to the reading, by the reading."""
-    if change in (_OFFSET, _DRIFT):
-        return max(gauge_Pa, 0.0) - felt * max(shown_Pa, 0.0)
-    return unfelt(change, value, felt) * max(gauge_Pa, 0.0)
-
-
-@part()
-def ballooned(gas: Gas, pressure: float, value: float) -> tuple[float, float]:
-    """Of a chamber that balloons, at an absolute pressure: its room for gas over its volume, and what swelling does."""
-    gauge_Pa = max(pressure - gas.atmosphere_Pa, 0.0)
-    room = 1.0 + value * (gauge_Pa + pressure)
-    return room, (1.0 + value * gauge_Pa) / room
-
-
-@part()
-def swelled_by(volume_m3: float, before_m3: float) -> float:
-    """Relative growth of a volume in a cycle; a shape that is believed may jump, a chamber does not."""
-    return min(max((volume_m3 - before_m3) / volume_m3, -FASTEST_SWELLING), FASTEST_SWELLING)
-
-
-@part()
-def _simulate(
-    gas: Gas,
-    window: Any,
-    chamber: int,
-    now: int,
-    since: int,
-    change: int,
-    value: float,
-    scratch: Any,
-    noise_Pa: float,
-) -> None:
-    """Gauge pressures of the last `since` cycles up to number `now` if this were wrong with the chamber."""
-    at = (now - since) % KEPT
-    believed = window.x[at, chamber]
-    pressure, inlet, outlet, hole = believed[PRESSURE], believed[INLET], believed[OUTLET], max(believed[HOLE], 0.0)
-    lagged = window.lagged[at, chamber]
-    inlet, outlet, hole = changed_ways(change, value, inlet, outlet, hole)
-    filled, vented, swelled, start, timing_Pa2 = 0.0, 0.0, 0.0, 1.0, 0.0
-    growth_m3_Pa, corrected = scratch.growth_m3_Pa, False
-    volume_before = window.volume_m3[at, chamber]
-    volume_before += growth_m3_Pa * unfelt(-1, 0.0, window.felt[at, chamber]) * max(pressure - gas.atmosphere_Pa, 0.0)
-    if change == _WIDENING:
-        vented = _widened(gas, pressure, value) - pressure
-        pressure += vented
-    for n in range(since):
-        k = (now - since + 1 + n) % KEPT
-        opening, step_s = window.opening[k, chamber], window.step_s[k]
-        if change == _FORCED:
-            opening = value
-        elif change == _LAG:
-            lagged, opening = lagged_opening(gas.lag_s * value, step_s, lagged, window.commanded[k, chamber])
-            opening = between(opening, lagged)
-        volume, passes = window.volume_m3[k, chamber], 1
-        felt, shown_Pa = window.felt[k, chamber], window.reading_Pa[k, chamber]
-        believes_wrong = change in (_OFFSET, _DRIFT) or unfelt(change, value, felt) != 0.0
-        swelling, room, share, after, kept = window.swelling[k, chamber], 1.0, 1.0, pressure, 1.0
-        if change == _WIDENING:
-            room, share = ballooned(gas, pressure, value)
-        if corrected or change == _WIDENING or (growth_m3_Pa != 0.0 and believes_wrong):
-            passes, corrected = 2, True  # its volume is that under the pressure that it comes to
-        for _ in range(passes):
-            if passes > 1:
-                volume = window.volume_m3[k, chamber]
-                volume += growth_m3_Pa * unfelt_Pa(change, value, felt, after - gas.atmosphere_Pa, shown_Pa)
-                swelling = swelled_by(volume, volume_before)
-            after, kept, _a, _b, _l, _flowed = next_pressure(
-                gas,
-                chamber,
-                pressure,
-                window.supply[k],
-                opening,
-                room * volume,
-                share * swelling,
-                inlet,
-                outlet,
-                hole,
-                step_s,
-            )
-        swelling *= share
-        volume_before = volume
-        # what the chamber has come to forget of its way, as when it is vented, is no error any more
-        filled, vented, start = kept * filled, kept * vented, kept * start
-        if opening > 0.0:
-            filled += after - pressure
-        else:
-            vented += after - pressure
-        swelled = kept * swelled - pressure * swelling / (1.0 + swelling)
-        pressure = after
-        scratch.simulated_Pa[n] = pressure - gas.atmosphere_Pa
-        scratch.filled_Pa[n], scratch.vented_Pa[n] = filled, vented
-        scratch.swelled_Pa[n], scratch.start[n] = swelled, start
-        timing_Pa2 = TIMING_KEPT * timing_Pa2 + window.timing_Pa[k, chamber] ** 2
-        scratch.deviation_Pa[n] = math.sqrt(noise_Pa * noise_Pa + SIMULATED_Pa * SIMULATED_Pa + timing_Pa2)
 
 
 @part()
@@ -392,7 +173,7 @@ def _share(window: Any, chamber: int, now: int, since: int) -> float:
 def _other_valves(gas: Gas, window: Any, chamber: int, now: int, since: int, noise_Pa: float, scratch: Any) -> float:
     """Cost of a healthy chamber whose valves are a little other than its filter has learnt."""
     offset_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
-    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
     share = _share(window, chamber, now, since)
     return _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)[0]
 
@@ -416,10 +197,10 @@ def _explained(
     share = _share(window, chamber, now, since)
     offset_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
     if change < _SCALE:
-        _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
+        simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
         cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, offset_Pa, share, scratch)
         return cost, severity
-    _simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
+    simulate(gas, window, chamber, now, since, change, value, scratch, noise_Pa)
     cost, fitted = _sensor_cost(window, chamber, now, since, change, value, offset_Pa, share, scratch)
     if change == _OFFSET:
         severity = fitted / SENSOR_OFFSET_Pa
@@ -440,9 +221,9 @@ def _swapped(
     share = _share(window, chamber, now, since)
     here_Pa = window.x[(now - since) % KEPT, chamber, OFFSET]
     there_Pa = window.x[(now - since) % KEPT, other, OFFSET]
-    _simulate(gas, window, other, now, since, -1, 0.0, scratch, noise_Pa)
+    simulate(gas, window, other, now, since, -1, 0.0, scratch, noise_Pa)
     cost, _unused = _sensor_cost(window, chamber, now, since, -1, 0.0, here_Pa, share, scratch)
-    _simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
+    simulate(gas, window, chamber, now, since, -1, 0.0, scratch, noise_Pa)
     theirs, _unused = _sensor_cost(window, other, now, since, -1, 0.0, there_Pa, share, scratch)
     return cost + theirs - _healthy_cost(window, other, now, since, noise_Pa)
 
@@ -480,7 +261,7 @@ def name_fault(
     for m in range(COUNT):
         best[m], severity[m], since[m], where[m] = -math.inf, 0.0, 0, chamber
     if afresh:
-        verdict.growth_m3_Pa = _growth_m3_Pa(window, chamber)
+        verdict.growth_m3_Pa = growth_in(window, chamber)
     scratch.growth_m3_Pa = verdict.growth_m3_Pa
     sound = 0.0  # evidence for a healthy chamber after all
     for o in range(ONSETS.shape[0] if afresh else 0):

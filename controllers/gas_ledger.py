@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from controllers.chamber_gas import next_pressure
 from controllers.chamber_observer import HOLE, INLET, OUTLET
 from controllers.detector_parts import DetectorMemory, DetectorParts
-from controllers.fault_naming import KEPT
+from controllers.fault_window import KEPT
 from softbot.faults import CHAMBER_COUNT, KIND_CODES, FaultKind
 from softbot.kernel_compiler import kernel
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,10 @@ class SequencerState(StrEnum):
 
 STATES: tuple[SequencerState, ...] = tuple(SequencerState)
 """States by number, for compiled code."""
-STRATEGIES = ("curvature_reversal", "safe_stop", "momentum", "rock_free")
+STRATEGIES = ("curvature_reversal", "safe_stop", "momentum", "rock_free", "other_way")
 """Answers to a fault, by number: one chamber is dead, and the C is reversed; nothing rolls (any more); more are dead,
-and momentum has to carry the robot over what they leave out; it stands, and is rolled back for a run-up."""
+and momentum has to carry the robot over what they leave out; it stands, and is rolled back for a run-up; it was
+stopped, and rolls the other way, as it was told to then."""
 
 
 class Command(StrEnum):
@@ -40,11 +42,15 @@ class Command(StrEnum):
 
 @dataclass(frozen=True)
 class Order:
-    """What the operator wants from now on. No `speed_rev_s`: as fast as the lead allows; no `distance_m`: for ever."""
+    """What the operator wants from now on. No `speed_rev_s`: as fast as the lead allows; no `distance_m`: for ever.
+
+    turn_back: where that proves impossible, roll the other way, once, if what is left pushes it there.
+    """
 
     command: Command
     speed_rev_s: float | None = None
     distance_m: float | None = None
+    turn_back: bool = False
 
 
 @dataclass(frozen=True)
@@ -58,11 +64,27 @@ class Detection:
 
 
 @dataclass(frozen=True)
+class Offer:
+    """What is left after a safe stop: how far the curvatures that can be had push the robot each way from there.
+
+    A whole turn: for ever.
+    """
+
+    left_rad: float
+    right_rad: float
+
+
+@dataclass(frozen=True)
 class Recovery:
-    """A change of strategy that answers a fault."""
+    """A change of strategy that answers a fault; a safe stop comes with what is left."""
 
     t_s: float
     strategy: str
+    offer: Offer | None = None
+
+    def entry(self) -> dict[str, Any]:
+        """As the summary lists it."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 @dataclass(frozen=True)

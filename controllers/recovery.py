@@ -67,7 +67,10 @@ class RecoveryTuning(NamedTuple):
     worth: float = 0.9
     """A chamber that can do less is not relied on: the C is reversed as if it were dead, and it adds what it can."""
     flipped: float = 0.0
-    """Share of the wanted curvature that must have grown on the other side before the command leaves the line."""
+    """Share of the wanted curvature that must have grown on the other side before the command leaves the line …"""
+    flipped_weak: float = -0.12
+    """… and with a weak chamber in use: what is left on this side has its square, a hundredth, of the moment, and the
+    chambers fill while the C goes through straight instead of after it."""
     least_lead_rad: float = 0.05
     """What is left of the lead for the pressures as they will be, however fast the roll."""
     longest: float = 12.0
@@ -203,6 +206,16 @@ def needs_momentum(tuning: RecoveryTuning, strength: FloatArray) -> bool:
 
 
 @part()
+def _uses_weak(tuning: RecoveryTuning, strength: FloatArray, held: FloatArray) -> bool:
+    """Whether a chamber is used that is not relied on for the side; one beside a held pressure is."""
+    uses = False
+    for i in range(CHAMBERS):
+        beside = held[i] + held[(i + 2) % CHAMBERS] > 0.0
+        uses = uses or (0.0 < strength[i] < tuning.worth and not beside)
+    return uses
+
+
+@part()
 def most_moment(plan: Any, forward: int, lead_rad: float, roll_rad: float, strength: FloatArray) -> float:
     """The most moment of both sides at this roll, over the most that this lead gives at all."""
     left = best_on_side(plan, 1, forward, lead_rad, roll_rad, strength)
@@ -256,7 +269,8 @@ def plan_roll(
     """
     if plan.reversing:
         along = bent[0] * math.cos(plan.line_rad) + bent[1] * math.sin(plan.line_rad)
-        plan.reversing = along <= tuning.flipped and t_s - plan.began_s <= tuning.longest * lag_s
+        flipped = tuning.flipped_weak if _uses_weak(tuning, strength, held) else tuning.flipped
+        plan.reversing = along <= flipped and t_s - plan.began_s <= tuning.longest * lag_s
         if not plan.reversing:
             rolled_back = forward * (roll_rad - plan.began_rad) > _ROLLED_BACK_RAD
             plan.doubt = min(2.0 * plan.doubt + 0.1, 1.0) if rolled_back else plan.doubt * _FORGOTTEN

@@ -6,8 +6,9 @@
     stalled    rolling is wanted and does not happen: a dead chamber is needed and recovery is off (or too slow yet)
     degraded   a chamber is dead or weak: rolls on as `controllers.recovery` plans it with what is left …
     reversing  … while the curvature is being reversed, where a dead chamber would be needed
-    safe       a fault forbids rolling on, what is held cannot be bent back, or what is left makes no way: vents
-               and stays until it is ordered to stop
+    safe       a fault forbids rolling on, what is held cannot be bent back, or what is left makes no way: vents,
+               says what is left (`controllers.offer`), and stays until it is ordered to stop, or for a moment if
+               it was ordered to turn back then and something pushes it that way
 
 Every quantity it acts on is estimated from the readings. It knows no bus and no twin. `cycle` is the whole of it in
 compiled code, over plain records; `Sequencer` wraps it for those who hold a robot file and a clock.
@@ -21,35 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers import (
-    chamber_gas,
-    chamber_observer,
-    commutation,
-    compensation,
-    detector_parts,
-    estimation,
-    excitation,
-    fault_answers,
-    fault_candidates,
-    fault_detection,
-    fault_following,
-    fault_naming,
-    gas_ledger,
-    held_bend,
-    inertial_observer,
-    proof,
-    recovery,
-    robot_model,
-    roll_balance,
-    roll_observer,
-    sequencer_parts,
-    supply_observer,
-)
 from controllers.commutation import commanded_direction_rad
 from controllers.compensation import compensate
 from controllers.estimation import follow_bend, follow_roll
 from controllers.excitation import excite
-from controllers.fault_answers import BLIND, FORBIDS_FROM, HOLDS_FROM, strength_left
+from controllers.fault_answers import BLIND, FORBIDS_FROM, HOLDS_FROM, LEAVES_OTHER_WAY, strength_left
 from controllers.fault_detection import detect, detections_of, forget_chamber
 from controllers.gas_ledger import keep_ledger, vent_full
 from controllers.held_bend import bend_held, beside_held, free_bend, pinned
@@ -58,10 +35,10 @@ from controllers.interface import (
     STRATEGIES,
     Command,
     Order,
-    Recovery,
     SequencerOutput,
     SequencerState,
 )
+from controllers.offer import BOTH_WAYS, NOTHING, OTHER_WAY, WORTH_TURNING_RAD, offer_ways, pushed_rad, recovery_of
 from controllers.proof import NOT_ANY, PROVED, TEST_SHARE, UNDER_WAY, begin_proof, follow_proof
 from controllers.recovery import arch, most_moment, needs_momentum, plan_roll, reach, use_of
 from controllers.robot_model import pressures_for
@@ -73,11 +50,8 @@ from controllers.sequencer_parts import (
     SequencerParts,
     sequencer_memory,
 )
-from softbot import actuator_equilibrium, actuator_inverse, material, pneumatics
 from softbot.cross_section import CHAMBERS
 from softbot.kernel_compiler import kernel, part
-from softbot.kernel_stamp import kernel_stamp
-from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
@@ -90,6 +64,7 @@ _PRIMING_LONGEST_S = 3.0
 _FOLLOWS_HELD = 0.1  # in a cycle: its sensor's noise must not be the others' command
 _PINNED = 0.2  # of the bend that rolling asks for: a robot so bent for good does not roll
 _PROGRESS_RAD = 0.5 * math.pi
+_RESTS_LAGS = 6.0  # in the safe state, before it rolls the other way
 _RUN_UP_RAD, _GOOD_PUSH, _FARTHEST_BACK_RAD = 0.25, 0.9, 2.0
 
 _DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
@@ -104,8 +79,8 @@ _DISARMED, _PRIMING, _ROLLING, _STALLED, _REVERSING, _DEGRADED, _SAFE = (
         SequencerState.SAFE,
     )
 )
-_CURVATURE_REVERSAL, _SAFE_STOP, _MOMENTUM, _ROCK_FREE = (
-    STRATEGIES.index(strategy) for strategy in ("curvature_reversal", "safe_stop", "momentum", "rock_free")
+_CURVATURE_REVERSAL, _SAFE_STOP, _MOMENTUM, _ROCK_FREE, _OTHER_WAY = (
+    STRATEGIES.index(strategy) for strategy in ("curvature_reversal", "safe_stop", "momentum", "rock_free", "other_way")
 )
 _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
 _PROBE_Pa = 6e3
@@ -204,15 +179,20 @@ def _answer(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: f
         holds = detector.severity[i] >= parts.answers[kind, HOLDS_FROM]
         held = bend_held(parts.model, i, reading.pressure_Pa[i]) if holds else 0.0
         own.held[i] += _FOLLOWS_HELD * (held - own.held[i])
-    for n in range(0 if own.state == _SAFE else detector.found):  # in the safe state names may still be corrected
+    stopped = own.state == _SAFE  # where names may still be corrected
+    for n in range(detector.found):
         kind, chamber = detector.found_kind[n], detector.found_chamber[n]
+        forbids = detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM]
+        leaves_other_way = parts.answers[kind, LEAVES_OTHER_WAY] > 0.0
+        if stopped:
+            own.turning = own.turning and (leaves_other_way or not forbids)
+            continue
         dies = died and chamber >= 0 and own.strength[chamber] <= 0.0
         answer = -1
-        if detector.found_severity[n] >= parts.answers[kind, FORBIDS_FROM] or (
-            dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1)
-        ):
-            _enter(memory, _SAFE, t_s)
-            answer = _SAFE_STOP
+        if forbids:
+            _stop_safely(memory, OTHER_WAY if leaves_other_way else NOTHING, 0, t_s)
+        elif dies and _dead(own) > (CHAMBERS - 1 if parts.recovers else 1):
+            _stop_safely(memory, BOTH_WAYS, 0, t_s)
         elif dies and parts.recovers:
             if own.state == _ROLLING or own.state == _DEGRADED or own.state == _STALLED:
                 _enter(memory, _DEGRADED, t_s)
@@ -226,6 +206,41 @@ def _say(own: Any, answer: int) -> None:
     if own.answered < MOST_ANSWERS:
         own.answer[own.answered] = answer
         own.answered += 1
+
+
+@part()
+def _stop_safely(memory: SequencerMemory, freedom: int, only_side: int, t_s: float) -> None:
+    """Into the safe state, and say what is left. freedom: what the reason of the stop leaves to be offered.
+
+    only_side: of a C that cannot be straightened; 0: of one that can.
+    """
+    own = memory.own[0]
+    left_rad, right_rad = math.inf, math.inf
+    if own.state == _SAFE:  # two reasons at once
+        left_rad, right_rad = own.offered_rad[0], own.offered_rad[1]
+    own.used[:] = own.strength
+    beside_held(own.held, own.used)
+    roll_rad = memory.estimator[0].roll_rad
+    offer_ways(memory.recovery[1], freedom, own.turn, only_side, roll_rad, own.used, own.offered_rad)
+    own.offered_rad[0], own.offered_rad[1] = min(own.offered_rad[0], left_rad), min(own.offered_rad[1], right_rad)
+    own.turning = own.turn_back and freedom != NOTHING
+    _enter(memory, _SAFE, t_s)
+    _say(own, _SAFE_STOP)
+
+
+@part()
+def _turn_back(parts: SequencerParts, memory: SequencerMemory, t_s: float) -> None:
+    """Once the robot has come to rest in the safe state: leave it for the other way, where what is left pushes it."""
+    own = memory.own[0]
+    if own.turning and t_s - own.entered_s > _RESTS_LAGS * parts.model.lag_s:
+        own.turning = own.turn_back = False
+        only_side = own.side if pinned(own.held, own.strength, _PINNED) else 0
+        roll_rad = memory.estimator[0].roll_rad
+        if pushed_rad(memory.recovery[1], -own.turn, only_side, roll_rad, own.used) >= WORTH_TURNING_RAD:
+            own.turn = -own.turn
+            own.roll_at_order_rad = math.nan
+            _enter(memory, _DISARMED, t_s)
+            _say(own, _OTHER_WAY)
 
 
 @part()
@@ -329,8 +344,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
     beside_held(own.held, own.used)
     if needs_momentum(parts.tuning, own.used):
         if _makes_no_way(parts, own, estimate, t_s):
-            _enter(memory, _SAFE, t_s)
-            _say(own, _SAFE_STOP)
+            _stop_safely(memory, BOTH_WAYS, 0, t_s)
             return
         lead_rad = max(lead_rad, parts.tuning.lead_with_momentum_rad)
         if _rocks(parts, memory, estimate, t_s):
@@ -395,10 +409,10 @@ def _act(parts: SequencerParts, memory: SequencerMemory, pressure_Pa: FloatArray
     for i in range(CHAMBERS):
         own.setpoint_Pa[i] = 0.0
     if own.state == _SAFE:
+        _turn_back(parts, memory, t_s)
         return
     if pinned(own.held, own.strength, _PINNED):
-        _enter(memory, _SAFE, t_s)
-        _say(own, _SAFE_STOP)
+        _stop_safely(memory, BOTH_WAYS, own.side, t_s)
     elif own.turn == 0 or _arrived(parts, own, estimate):
         if own.state != _DISARMED:
             _enter(memory, _DISARMED, t_s)
@@ -432,69 +446,28 @@ def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None
             own.setpoint_Pa[i] = min(max(reading.pressure_Pa[i], 0.0), most_Pa) + _PROBE_Pa
 
 
-def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel(nogil=True)
-    def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
-        """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
-        own, estimate = memory.own[0], memory.estimator[0]
-        step_s = 0.0 if math.isnan(own.last_t_s) else max(t_s - own.last_t_s, 0.0)
-        own.last_t_s = t_s
-        follow_roll(estimate, reading[0])
-        follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
-        memory.detector.own[0].rests = own.state == _SAFE
-        for i in range(CHAMBERS):
-            memory.detector.own[0].felt[i] = own.sighted[i]
-        detect(parts.detector, memory.detector, reading, estimate.volume_m3)
-        keep_ledger(parts.detector, memory.detector, memory.ledger[0], reading[0])
-        if parts.detects:
-            watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
-        _answer(parts, memory, reading[0], t_s)
-        _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
-        _probe(parts, memory, reading[0])
-        if parts.detects:
-            vent_full(parts.detector, memory.ledger[0], parts.model.pressure_limit_Pa, own.setpoint_Pa)
-        own.wants_armed = own.state != _DISARMED and own.state != _SAFE
-        return stamp > 0
-
-    return cycle
-
-
-cycle = _compile(
-    kernel_stamp(
-        actuator_equilibrium,
-        actuator_inverse,
-        chain,
-        chamber_gas,
-        chamber_observer,
-        commutation,
-        compensation,
-        detector_parts,
-        estimation,
-        excitation,
-        fault_answers,
-        fault_candidates,
-        fault_detection,
-        fault_following,
-        fault_naming,
-        gas_ledger,
-        held_bend,
-        hysteresis,
-        inertial_observer,
-        line,
-        material,
-        pneumatics,
-        prony,
-        proof,
-        recovery,
-        residual,
-        robot_model,
-        roll_balance,
-        roll_observer,
-        sequencer_parts,
-        supply_observer,
-        __file__,
-    )
-)
+@kernel(nogil=True)
+def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
+    """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
+    own, estimate = memory.own[0], memory.estimator[0]
+    step_s = 0.0 if math.isnan(own.last_t_s) else max(t_s - own.last_t_s, 0.0)
+    own.last_t_s = t_s
+    follow_roll(estimate, reading[0])
+    follow_bend(parts.model, estimate, reading[0].pressure_Pa, own.sighted)
+    memory.detector.own[0].rests = own.state == _SAFE
+    for i in range(CHAMBERS):
+        memory.detector.own[0].felt[i] = own.sighted[i]
+    detect(parts.detector, memory.detector, reading, estimate.volume_m3)
+    keep_ledger(parts.detector, memory.detector, memory.ledger[0], reading[0])
+    if parts.detects:
+        watch_roll(parts.roll, memory.roll, parts.model, memory.detector.own[0], estimate, reading[0], _rolls(own))
+    _answer(parts, memory, reading[0], t_s)
+    _act(parts, memory, reading[0].pressure_Pa, t_s, step_s)
+    _probe(parts, memory, reading[0])
+    if parts.detects:
+        vent_full(parts.detector, memory.ledger[0], parts.model.pressure_limit_Pa, own.setpoint_Pa)
+    own.wants_armed = own.state != _DISARMED and own.state != _SAFE
+    return True
 
 
 def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
@@ -506,6 +479,7 @@ def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
     own["roll_at_order_rad"] = math.nan
     own["lead_integral_rad"] = 0.0
     own["farthest_s"], own["rocking"] = math.nan, False
+    own["turn_back"], own["turning"] = order.turn_back, False
     if order.command is Command.STOP and own["state"] == _SAFE:
         _enter(memory, _DISARMED, t_s)
 
@@ -547,5 +521,5 @@ class Sequencer:
             self.state,
             bool(own["wants_armed"]),
             detections_of(self.memory.detector, readings.t_s),
-            tuple(Recovery(t_s, STRATEGIES[int(own["answer"][n])]) for n in range(int(own["answered"]))),
+            tuple(recovery_of(t_s, int(n), *own["offered_rad"].tolist()) for n in own["answer"][: own["answered"]]),
         )

@@ -47,6 +47,7 @@ SEQUENCER = np.dtype(
         ("turn", np.int64),
         ("speed_rad_s", np.float64),
         ("distance_m", np.float64),
+        ("turn_back", np.bool_),
         ("armed", np.bool_),
         ("state", np.int64),
         ("side", np.int64),
@@ -61,6 +62,8 @@ SEQUENCER = np.dtype(
         ("rocked_rad", np.float64),
         ("farthest_rad", np.float64),
         ("farthest_s", np.float64),
+        ("offered_rad", np.float64, 2),
+        ("turning", np.bool_),
         ("strength", np.float64, CHAMBERS),
         ("used", np.float64, CHAMBERS),
         ("sighted", np.float64, CHAMBERS),
@@ -74,11 +77,13 @@ SEQUENCER = np.dtype(
     align=True,
 )
 """What a sequencer was ordered, remembers and answers, as a record. `turn`: +1 left, −1 right, 0 stop; speed and
-distance NaN where none was ordered; `strength` 0 of a chamber that is dead, `used`: how much of it recovery uses,
-`sighted`: how much of what its sensor says the wall feels, 0 where the sensor lies; `held`: the bend over what rolling
-asks for that a chamber holds which cannot be vented; `excited`: whether it gets steps while it rests; `rocking`: rolled
-back for a run-up, since when and from which roll; `farthest`: the most progress, and when it was made; `answer`:
-numbers of STRATEGIES taken in this cycle."""
+distance NaN where none was ordered; `turn_back`: the other way, once, where that proves impossible; `strength` 0 of a
+chamber that is dead, `used`: how much of it recovery uses, `sighted`: how much of what its sensor says the wall feels,
+0 where the sensor lies; `held`: the bend over what rolling asks for that a chamber holds which cannot be vented;
+`excited`: whether it gets steps while it rests; `rocking`: rolled back for a run-up, since when and from which roll;
+`farthest`: the most progress, and when it was made; `offered_rad`: how far what was left at the last safe stop pushed
+it to the left and to the right; `turning`: it rolls the other way next; `answer`: numbers of STRATEGIES taken in this
+cycle."""
 
 
 class SequencerMemory(NamedTuple):

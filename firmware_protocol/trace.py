@@ -20,6 +20,8 @@ from firmware_protocol.frame import Frame
 from firmware_protocol.spec import time_us
 
 FORMATS = (".log", ".asc", ".blf")
+LATEST_S = 253_402_300_799.0
+"""The last second of the year 9999, since 1970: no recording is from later."""
 
 
 class TraceRecord(NamedTuple):
@@ -102,6 +104,12 @@ def read_trace(path: str | Path) -> Iterator[TraceRecord]:
         yield from _read_line(path, number, line)
 
 
+def _time_s(stamp_s: float) -> float:
+    if not abs(stamp_s) <= LATEST_S:  # nor is NaN
+        raise ValueError(f"{stamp_s} s is no time")
+    return stamp_s
+
+
 def _read_other(path: Path) -> Iterator[TraceRecord]:
     import can
 
@@ -113,7 +121,7 @@ def _read_other(path: Path) -> Iterator[TraceRecord]:
             for message in reader:
                 frame = to_frame(message)
                 if frame is not None:
-                    yield TraceRecord(message.timestamp, frame)
+                    yield TraceRecord(_time_s(message.timestamp), frame)
     except OSError as error:
         raise TraceError(f"cannot read the trace {path}: {error.strerror or error}") from error
     except Exception as error:  # python-can's readers raise what they stumble over
@@ -129,6 +137,6 @@ def _read_line(path: Path, number: int, line: str) -> Iterator[TraceRecord]:
         for message in can.CanutilsLogReader(io.StringIO(line)):
             frame = to_frame(message)
             if frame is not None:
-                yield TraceRecord(message.timestamp, frame)
+                yield TraceRecord(_time_s(message.timestamp), frame)
     except (ValueError, IndexError) as error:
         raise TraceError(f"{path}, line {number}: {line[:60]!r} is no candump record: {error}") from error

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from sim.bodies import OtherBody, names_of
 from sim.body import Body, Motion, World
+from sim.bullet_chain import make_chain
 from sim.chain import (
     PRISMATIC,
     SPHERICAL,
@@ -36,17 +37,14 @@ from sim.chain import (
     rotation_of,
     rotation_vector,
 )
-from sim.scenery import NamedPose, add_bodies, add_ground, ground_at, ground_factor, move_step, pose_of, robot_factor
+from sim.scenery import NamedPose, add_bodies, add_ground, ground_at, move_step, pose_of, robot_factor
 from softbot.errors import InputError, SimulationError
 
 FloatArray = NDArray[np.float64]
 
 _SOLVER_ITERATIONS = 30
-_CONTACT_SINK = 0.01  # static penetration over radius
-_CONTACT_DAMPING_RATIO = 1.0
 _TOUCHING = 1.05  # height of the centre over the radius below which viscous drag acts
 _LOWEST_MODE = 22.37  # of a free rod: ω √(m L³/EI)
-_SPEED_LIMIT = 1e4  # PyBullet clamps joint speeds at 100 unless told otherwise
 _LARGEST_SWING_RAD = 0.55  # of the free tube's lowest bending mode, in a step on the ground
 _MOST_PARTS = 16  # of a step
 
@@ -92,14 +90,15 @@ class BulletTwin:
         self._bodies = tuple(bodies)
         self._capsules = bool(bodies) or world.ground in ("step", "pipe")
         self._gravity_m_s2 = world.gravity_vector_m_s2
-        self._rolling_factor = self._rolling_friction()
         self._lay_out_chain()
         self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
         if self._client < 0:
             raise SimulationError("PyBullet could not open its window: is there a screen? run without --gui")
         try:
             self._build_world()
-            self._build_robot()
+            self._robot = make_chain(
+                self._client, body, world, self._joint_kind, self._mass_kg, self._inertia, capsules=self._capsules
+            )
         except pybullet.error as error:
             self.close()
             raise SimulationError(f"PyBullet refused the scene: {error}") from None
@@ -130,6 +129,8 @@ class BulletTwin:
         widths = np.where(self._joint_kind == SPHERICAL, 3, 1)
         self._first_dof = 6 + np.concatenate([[0], np.cumsum(widths)[:-1]]).astype(np.int64)
         self._size = int(6 + widths.sum())
+        self._links = list(range(joints))
+        self._torque_order: list[list[float]] = [[0.0]] * joints
         self._joint_quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (joints, 1))
         self._joint_slide = np.zeros(joints)
         self._base_position, self._base_rotation = np.zeros(3), np.eye(3)
@@ -165,115 +166,6 @@ class BulletTwin:
         )
         self._ground = add_ground(client, self._world, for_bodies=bool(self._bodies))
         self._others = add_bodies(client, self._bodies, self._world, self._ground)
-
-    def _build_robot(self) -> None:
-        p, client = pybullet, self._client
-        bodies, radius = len(self._mass_kg), self._body.radius_m
-        length = self._part_length_m[0]
-
-        def shape(index: int) -> int:
-            # the sphere sits at the middle of the whole segment: at the far end of its first half
-            centre = 0.0 if index == 0 else 0.5 * length  # link frames sit at their joint, the base's at its centre
-            if self._capsules:
-                return int(
-                    p.createCollisionShape(
-                        p.GEOM_CAPSULE,
-                        radius=radius,
-                        height=length,
-                        collisionFramePosition=[0, 0, centre],
-                        physicsClientId=client,
-                    )
-                )
-            offset = 0.5 * length if self._stretches and index % 2 == 0 else 0.0
-            return int(
-                p.createCollisionShape(
-                    p.GEOM_SPHERE, radius=radius, collisionFramePosition=[0, 0, centre + offset], physicsClientId=client
-                )
-            )
-
-        height = radius if self._world.ground != "none" else 0.0
-        first_centre_m = -0.5 * self._body.length_m + 0.5 * length
-        links = bodies - 1
-        bullet_kind = [p.JOINT_SPHERICAL if k == SPHERICAL else p.JOINT_PRISMATIC for k in self._joint_kind]
-        self._robot = p.createMultiBody(
-            baseMass=self._mass_kg[0],
-            baseCollisionShapeIndex=shape(0),
-            basePosition=[first_centre_m, 0.0, height],
-            # z (tangent) along world x, x (e1) along world y, the robot's left
-            baseOrientation=[0.5, 0.5, 0.5, 0.5],
-            linkMasses=self._mass_kg[1:].tolist(),
-            linkCollisionShapeIndices=[shape(b) for b in range(1, bodies)],
-            linkVisualShapeIndices=[-1] * links,
-            linkPositions=[[0.0, 0.0, 0.5 * length]] + [[0.0, 0.0, length]] * (links - 1),
-            linkOrientations=[[0.0, 0.0, 0.0, 1.0]] * links,
-            linkInertialFramePositions=[[0.0, 0.0, 0.5 * length]] * links,
-            linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * links,
-            linkParentIndices=list(range(links)),
-            linkJointTypes=bullet_kind,
-            linkJointAxis=[[0.0, 0.0, 1.0]] * links,
-            physicsClientId=client,
-        )
-        contact = self._contact_compliance()
-        for b in range(bodies):
-            p.changeDynamics(
-                self._robot,
-                b - 1,
-                localInertiaDiagonal=self._inertia[b].tolist(),
-                lateralFriction=robot_factor(self._world),
-                rollingFriction=self._rolling_factor,
-                spinningFriction=0.0,
-                restitution=0.0,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                jointDamping=0.0,
-                physicsClientId=client,
-                **contact,
-            )
-            # in calls of their own: PyBullet drops every other argument for a link that comes with one of these
-            p.changeDynamics(self._robot, b - 1, maxJointVelocity=_SPEED_LIMIT, physicsClientId=client)
-            p.changeDynamics(
-                self._robot, b - 1, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, physicsClientId=client
-            )
-            if self._stretches and b % 2 == 1 and not self._capsules:  # only the first half touches; a body without any
-                p.setCollisionFilterGroupMask(
-                    self._robot, b - 1, 0, 0, physicsClientId=client
-                )  # shape loses its inertia
-        for j, kind in enumerate(self._joint_kind):  # switch the default motors off
-            if kind == SPHERICAL:
-                p.setJointMotorControlMultiDof(
-                    self._robot, j, p.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], targetVelocity=[0, 0, 0],
-                    positionGain=0, velocityGain=0, force=[0, 0, 0], physicsClientId=client,
-                )  # fmt: skip
-            else:
-                p.setJointMotorControl2(self._robot, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
-        self._links = list(range(links))
-        self._torque_order: list[list[float]] = [[0.0]] * links
-
-    def _contact_compliance(self) -> dict[str, float]:
-        """Stiffness and damping of one segment's contact: its weight sinks it by a small part of the radius.
-
-        A rigid contact leaves the sharing of the load between ten spheres on a floor to rounding errors.
-        """
-        weight_N = -self._body.mass_kg * float(self._gravity_m_s2[2]) / self._segments
-        if self._world.ground == "none" or weight_N <= 0.0:
-            return {}
-        stiffness_N_m = weight_N / (_CONTACT_SINK * self._body.radius_m)
-        segment_kg = self._body.mass_kg / self._segments
-        damping_N_s_m = 2.0 * _CONTACT_DAMPING_RATIO * np.sqrt(stiffness_N_m * segment_kg)
-        return {"contactStiffness": stiffness_N_m, "contactDamping": float(damping_N_s_m)}
-
-    def _rolling_friction(self) -> float:
-        """Factor of rolling friction [m] that gives the whole robot's weight the moment M_th."""
-        moment_N_m = self._world.rolling_resistance_N_m
-        load_N = -self._body.mass_kg * float(self._gravity_m_s2[2])
-        if moment_N_m == 0.0 or self._world.ground == "none":
-            return 0.0
-        if load_N <= 0.0:
-            raise InputError(
-                f"world.rolling_resistance_N_m = {moment_N_m:g}: the segment twin has it from the load on the floor, "
-                'and without gravity there is none; set it to 0, or take solver.twin = "rod"'
-            )
-        return float(moment_N_m / load_N / ground_factor(self._world))
 
     # ---------------------------------------------------------------- the twin's contract
 

@@ -15,22 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import rod_energy, rod_groups, rod_memory, rod_rest
 from sim.motion_rows import ROW_SIZE
 from sim.rod import RodTwin
 from sim.rod_drive import hold
 from sim.rod_kernel import play
 from sim.rod_memory import Physics, carve
 from sim.rod_rest import set_rest
-from softbot import actuator_equilibrium, material, plant_conditions, pneumatics
 from softbot.actuator import ActuatorLaw
 from softbot.actuator_equilibrium import solve_strain
 from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.faults import CHAMBER_COUNT, CONDITIONS_SIZE
 from softbot.kernel_compiler import kernel
 from softbot.kernel_entry import Handed, handed
-from softbot.kernel_stamp import kernel_stamp
-from softbot.memory import chain, hysteresis, line, prony, residual
 from softbot.memory.chain import advance
 from softbot.plant_conditions import LOAD_FACTOR, WALL_FACTOR, conditions_at
 from softbot.pneumatics import PRESSURES_SIZE, STATE_SIZE, step_in_place
@@ -141,126 +137,94 @@ HOLD = hold()
 NO_ROWS: FloatArray = np.empty((0, ROW_SIZE))
 
 
-_STAMP = kernel_stamp(
-    actuator_equilibrium,
-    chain,
-    hysteresis,
-    line,
-    material,
-    prony,
-    residual,
-    plant_conditions,
-    pneumatics,
-    rod_groups,
-    rod_memory,
-    rod_energy,
-    rod_rest,
-    __file__,
-)
-
-
-def _compile_gas_and_wall(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel(nogil=True)
-    def gas_and_wall(
-        parts: PlantParts,
-        memory: Any,
-        conditions: FloatArray,
-        opening: FloatArray,
-        main_supply_open: bool,
-        t_s: float,
-        step_s: float,
-    ) -> int:
-        """One step of gas and wall under the faults of the time t_s; memory[0] (PLANT) and conditions are moved."""
-        own = memory[0]
-        conditions_at(t_s, parts.faults, conditions)
-        section, load = parts.section, parts.load
-        points = section[0]
-        softened = False
-        for i in range(CHAMBER_COUNT):
-            volume = 0.0
-            for a in range(3):
-                volume += load[a, i] * own.strain[a]
-            own.volume_m3[i] = parts.length_m * volume
-            softened = softened or own.wall_factor[i] != conditions[WALL_FACTOR + i]
-        if softened:
-            for i in range(CHAMBER_COUNT):
-                own.wall_factor[i] = conditions[WALL_FACTOR + i]
-            for n in range(points.shape[0]):
-                points[n, 2] = parts.sound_areas_m2[n] * own.wall_factor[parts.nearest_chamber[n]]
-        failed = step_in_place(
-            own.gas,
-            own.pressure_Pa,
-            opening,
-            main_supply_open,
-            own.volume_m3,
-            step_s,
-            conditions[:CONDITIONS_SIZE],
-            parts.pneumatics,
-        )
-        if failed:
-            return NO_GAS_BALANCE
+@kernel(nogil=True)
+def gas_and_wall(
+    parts: PlantParts,
+    memory: Any,
+    conditions: FloatArray,
+    opening: FloatArray,
+    main_supply_open: bool,
+    t_s: float,
+    step_s: float,
+) -> int:
+    """One step of gas and wall under the faults of the time t_s; memory[0] (PLANT) and conditions are moved."""
+    own = memory[0]
+    conditions_at(t_s, parts.faults, conditions)
+    section, load = parts.section, parts.load
+    points = section[0]
+    softened = False
+    for i in range(CHAMBER_COUNT):
+        volume = 0.0
         for a in range(3):
-            own.load[a] = 0.0
+            volume += load[a, i] * own.strain[a]
+        own.volume_m3[i] = parts.length_m * volume
+        softened = softened or own.wall_factor[i] != conditions[WALL_FACTOR + i]
+    if softened:
         for i in range(CHAMBER_COUNT):
-            own.felt_Pa[i] = own.pressure_Pa[i]
-        if parts.chamber_memory.size > 0:
-            advance(parts.chamber_memory, parts.chamber_state, own.pressure_Pa, step_s, own.felt_Pa)
-        for i in range(CHAMBER_COUNT):
-            pressure = own.felt_Pa[i]
-            effective_Pa = max(pressure - parts.dead_band_Pa, 0.0) + min(pressure, 0.0)
-            for a in range(3):
-                own.load[a] += load[a, i] * effective_Pa * conditions[LOAD_FACTOR + i]
-        if not solve_strain(*section, own.load, own.rest, own.stiffness):
-            return NO_SECTION
-        return DONE if stamp > 0 else NO_SECTION
-
-    return gas_and_wall
-
-
-gas_and_wall = _compile_gas_and_wall(_STAMP)
-
-
-def _compile_rod_period(stamp: int):  # type: ignore[no-untyped-def]
-    # another kernel in its closure would never be found again in numba's cache: each has a name of its own
-    @kernel(nogil=True)
-    def rod_period(
-        play: Any,
-        parts: PlantParts,
-        memory: Any,
-        conditions: FloatArray,
-        rod: RodParts,
-        physics: Physics,
-        hold_drive: FloatArray,
-        no_rows: FloatArray,
-        opening: FloatArray,
-        main_supply_open: bool,
-        first: int,
-        steps: int,
-    ) -> int:
-        """`steps` steps of the plant, the first of them step number `first` (from 0), with the valves as they are."""
-        own = memory[0]
-        state = carve(rod.memory, rod.places)[1]
-        for step in range(first, first + steps):
-            t_s = (step + 1) * rod.step_s
-            done = gas_and_wall(
-                parts, memory, conditions, opening, main_supply_open, t_s - 0.5 * rod.step_s, rod.step_s
-            )
-            if done != DONE:
-                return done
-            set_rest(
-                state.strain, state.rest_strain, state.stiffness, state.flag, rod.shares, rod.stretches, parts.length_m,
-                parts.twisting_stiffness_N_m2, own.rest, own.stiffness,
-            )  # fmt: skip
-            if play(rod.memory, rod.places, physics, hold_drive, 1, 1, no_rows, no_rows) < 1:
-                return ROD_LOST
-            own.strain[0] = state.strain[-1] if rod.stretches else 1.0
-            own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
-        return DONE if stamp > 0 else ROD_LOST
-
-    return rod_period
+            own.wall_factor[i] = conditions[WALL_FACTOR + i]
+        for n in range(points.shape[0]):
+            points[n, 2] = parts.sound_areas_m2[n] * own.wall_factor[parts.nearest_chamber[n]]
+    failed = step_in_place(
+        own.gas,
+        own.pressure_Pa,
+        opening,
+        main_supply_open,
+        own.volume_m3,
+        step_s,
+        conditions[:CONDITIONS_SIZE],
+        parts.pneumatics,
+    )
+    if failed:
+        return NO_GAS_BALANCE
+    for a in range(3):
+        own.load[a] = 0.0
+    for i in range(CHAMBER_COUNT):
+        own.felt_Pa[i] = own.pressure_Pa[i]
+    if parts.chamber_memory.size > 0:
+        advance(parts.chamber_memory, parts.chamber_state, own.pressure_Pa, step_s, own.felt_Pa)
+    for i in range(CHAMBER_COUNT):
+        pressure = own.felt_Pa[i]
+        effective_Pa = max(pressure - parts.dead_band_Pa, 0.0) + min(pressure, 0.0)
+        for a in range(3):
+            own.load[a] += load[a, i] * effective_Pa * conditions[LOAD_FACTOR + i]
+    if not solve_strain(*section, own.load, own.rest, own.stiffness):
+        return NO_SECTION
+    return DONE
 
 
-rod_period = _compile_rod_period(_STAMP)
+# another kernel in its closure would never be found again in numba's cache: each has a name of its own
+@kernel(nogil=True)
+def rod_period(
+    play: Any,
+    parts: PlantParts,
+    memory: Any,
+    conditions: FloatArray,
+    rod: RodParts,
+    physics: Physics,
+    hold_drive: FloatArray,
+    no_rows: FloatArray,
+    opening: FloatArray,
+    main_supply_open: bool,
+    first: int,
+    steps: int,
+) -> int:
+    """`steps` steps of the plant, the first of them step number `first` (from 0), with the valves as they are."""
+    own = memory[0]
+    state = carve(rod.memory, rod.places)[1]
+    for step in range(first, first + steps):
+        t_s = (step + 1) * rod.step_s
+        done = gas_and_wall(parts, memory, conditions, opening, main_supply_open, t_s - 0.5 * rod.step_s, rod.step_s)
+        if done != DONE:
+            return done
+        set_rest(
+            state.strain, state.rest_strain, state.stiffness, state.flag, rod.shares, rod.stretches, parts.length_m,
+            parts.twisting_stiffness_N_m2, own.rest, own.stiffness,
+        )  # fmt: skip
+        if play(rod.memory, rod.places, physics, hold_drive, 1, 1, no_rows, no_rows) < 1:
+            return ROD_LOST
+        own.strain[0] = state.strain[-1] if rod.stretches else 1.0
+        own.strain[1], own.strain[2] = state.strain[1], -state.strain[0]
+    return DONE
 
 
 def handed_play(rod: RodTwin) -> Handed:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from sim.arc_sums import friction_sum_errors, spin_sum_errors
 from sim.scene import CONTROL_PERIOD_S, Scene
-from softbot.errors import InputError
+from softbot.errors import InputError, SimulationError
 from softbot.rolling import floating_ratio
 
 FloatArray = NDArray[np.float64]
@@ -263,7 +263,12 @@ def _largest_bend_rad(scene: Scene) -> float:
         others_Pa, peak_Pa = drive.co_contraction_Pa, drive.co_contraction_Pa + drive.peak_pressure_Pa
     else:
         others_Pa, peak_Pa = scene.sequencer.co_contraction_Pa, robot.max_pressure_Pa
-    curvature = law.equilibrium([peak_Pa, others_Pa, others_Pa, others_Pa]).curvature_1_m
+    try:
+        curvature = law.equilibrium([peak_Pa, others_Pa, others_Pa, others_Pa]).curvature_1_m
+    except SimulationError as error:
+        raise SimulationError(
+            f"{scene.name}: {error}; mind the units of robot.actuator.modulus_Pa and of the largest pressure"
+        ) from None
     return float(math.hypot(*curvature)) * robot.length_m
 
 

@@ -114,9 +114,9 @@ class RodTwin:
         weight_N = body.mass_kg * world.gravity_m_s2
         if stretches and world.ground != "none" and weight_N > body.axial_stiffness_N:
             raise InputError(
-                f"axial_stiffness_N = {body.axial_stiffness_N:g}: less than the robot's weight of {weight_N:g} N, "
-                "which would squeeze a standing tube to nothing; a tube has 2 to 4 times its bending stiffness over "
-                "radius_m²"
+                f"robot.axial_stiffness_N = {body.axial_stiffness_N:g}: less than the weight of {weight_N:g} N of "
+                f"robot.mass_kg = {body.mass_kg:g}, which would squeeze a standing tube to nothing; a tube has 2 to 4 "
+                "times its bending stiffness over radius_m²"
             )
         self._body, self._modes, self._half = body, modes, contact_points // 2
         columns = _columns(modes, stretches, symmetric, twists, clamped)

@@ -44,7 +44,7 @@ from sim.rod_algebra import (
     solve_backward,
     solve_forward,
 )
-from sim.rod_compile import FAST_MATH, inner, source_stamp
+from sim.rod_compile import FAST_MATH, inner
 from sim.rod_contact import contact_rows, contradicted, drop_contacts, find_contacts, keep_contacts
 from sim.rod_drive import growing_step_s, quiet_until_s, rest_curvature
 from sim.rod_energy import audit_energy, elastic_energy_J
@@ -351,104 +351,98 @@ def _follow_drive(drive: FloatArray, t_s: float, h: float, state: State, physics
     return True
 
 
-def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel(_nrt=False, nogil=True, fastmath=FAST_MATH)
-    def play(
-        memory: FloatArray,
-        places: IntArray,
-        physics: Physics,
-        drive: FloatArray,
-        samples: int,
-        steps: int,
-        out: FloatArray,
-        seen: FloatArray,
-    ) -> int:
-        """Advance a rod by samples × steps steps; a row of `out` after each sample. Returns the samples done.
+@kernel(_nrt=False, nogil=True, fastmath=FAST_MATH)
+def play(
+    memory: FloatArray,
+    places: IntArray,
+    physics: Physics,
+    drive: FloatArray,
+    samples: int,
+    steps: int,
+    out: FloatArray,
+    seen: FloatArray,
+) -> int:
+    """Advance a rod by samples × steps steps; a row of `out` after each sample. Returns the samples done.
 
-        memory, places: as `rod_memory.carve` takes them. drive: as `rod_drive` has it. out: (samples, ROW_SIZE), or
-        (0, ROW_SIZE) for none. seen: the beginning of the memory after each sample (`rod_memory.Instants`), or none of
-        it, (0, …). steps = 0 only looks at the rod as it is, or at the instants of `seen` one after another.
-        """
-        layout, state, rule, contacts, work = carve(memory, places)
-        going = stamp > 0
-        macro = physics.step_s
-        flag = state.flag
-        pushed = dot(state.push_N, state.push_N) + dot(state.push_N_m, state.push_N_m) > 0.0
-        if pushed:  # the work of these is in no ledger
-            flag[AUDITED] = 0.0
-        if steps > 0 and not pushed and flag[AUDITED] == 0.0:  # what the first step may not exceed
-            audit_energy(state, physics, rule, contacts, work, layout)
-        quiet_s = quiet_until_s(drive) - 2.0 * macro  # a straight tube that sleeps has nothing to look at until then
-        if drive[0] > 0.0 and (state.rest_strain[0] != 0.0 or state.rest_strain[1] != 0.0):
-            quiet_s = -1.0
-        if physics.stretches and not state.rest_strain[3 * layout.modes] > 0.0:
-            return 0
-        for sample in range(samples):
-            for _ in range(steps):
-                if flag[ASLEEP] > 0.0 and flag[TIME] < quiet_s:
+    memory, places: as `rod_memory.carve` takes them. drive: as `rod_drive` has it. out: (samples, ROW_SIZE), or
+    (0, ROW_SIZE) for none. seen: the beginning of the memory after each sample (`rod_memory.Instants`), or none of
+    it, (0, …). steps = 0 only looks at the rod as it is, or at the instants of `seen` one after another.
+    """
+    layout, state, rule, contacts, work = carve(memory, places)
+    going = True
+    macro = physics.step_s
+    flag = state.flag
+    pushed = dot(state.push_N, state.push_N) + dot(state.push_N_m, state.push_N_m) > 0.0
+    if pushed:  # the work of these is in no ledger
+        flag[AUDITED] = 0.0
+    if steps > 0 and not pushed and flag[AUDITED] == 0.0:  # what the first step may not exceed
+        audit_energy(state, physics, rule, contacts, work, layout)
+    quiet_s = quiet_until_s(drive) - 2.0 * macro  # a straight tube that sleeps has nothing to look at until then
+    if drive[0] > 0.0 and (state.rest_strain[0] != 0.0 or state.rest_strain[1] != 0.0):
+        quiet_s = -1.0
+    if physics.stretches and not state.rest_strain[3 * layout.modes] > 0.0:
+        return 0
+    for sample in range(samples):
+        for _ in range(steps):
+            if flag[ASLEEP] > 0.0 and flag[TIME] < quiet_s:
+                flag[TIME] += macro
+                continue
+            if flag[ASLEEP] > 0.0:
+                lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
+                if drive[0] == 0.0 or not _follow_drive(drive, flag[TIME], macro, state, physics, work.theta):
                     flag[TIME] += macro
                     continue
-                if flag[ASLEEP] > 0.0:
-                    lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
-                    if drive[0] == 0.0 or not _follow_drive(drive, flag[TIME], macro, state, physics, work.theta):
-                        flag[TIME] += macro
-                        continue
-                    # nothing is known yet of what it wakes to
+                # nothing is known yet of what it wakes to
+                state.lagged_1_m[0], state.lagged_1_m[1] = lagged_1, lagged_2
+                flag[ADVICE], flag[AUDITED] = _WAKING * macro, 1.0 / _WAKING
+            done = 0.0
+            while done < macro:
+                h = macro - done
+                if flag[AUDITED] > 1.0:  # this step makes energy
+                    h = min(h, 0.5 * macro)
+                longest = min(flag[ADVICE], growing_step_s(drive, flag[TIME] + done))
+                if longest < h:
+                    h /= np.ceil(h / longest - 1e-9)
+                solves = flag[SOLVES]
+                lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
+                if drive[0] > 0.0:
+                    _follow_drive(drive, flag[TIME] + done, h, state, physics, work.theta)
+                verdict = _step(h, state, physics, rule, contacts, work, layout)
+                if verdict == 0:
+                    troubled = h < macro or flag[SOLVES] > solves + _EASY_SOLVES or flag[AUDITED] > 1.0
+                    if not pushed and (troubled or flag[STEPS] % _AUDIT_STEPS == 1.0):
+                        audit_energy(state, physics, rule, contacts, work, layout)
+                    done = macro if h >= (macro - done) * (1.0 - 1e-12) else done + h
+                else:
                     state.lagged_1_m[0], state.lagged_1_m[1] = lagged_1, lagged_2
-                    flag[ADVICE], flag[AUDITED] = _WAKING * macro, 1.0 / _WAKING
-                done = 0.0
-                while done < macro:
-                    h = macro - done
-                    if flag[AUDITED] > 1.0:  # this step makes energy
-                        h = min(h, 0.5 * macro)
-                    longest = min(flag[ADVICE], growing_step_s(drive, flag[TIME] + done))
-                    if longest < h:
-                        h /= np.ceil(h / longest - 1e-9)
-                    solves = flag[SOLVES]
-                    lagged_1, lagged_2 = state.lagged_1_m[0], state.lagged_1_m[1]
-                    if drive[0] > 0.0:
-                        _follow_drive(drive, flag[TIME] + done, h, state, physics, work.theta)
-                    verdict = _step(h, state, physics, rule, contacts, work, layout)
-                    if verdict == 0:
-                        troubled = h < macro or flag[SOLVES] > solves + _EASY_SOLVES or flag[AUDITED] > 1.0
-                        if not pushed and (troubled or flag[STEPS] % _AUDIT_STEPS == 1.0):
-                            audit_energy(state, physics, rule, contacts, work, layout)
-                        done = macro if h >= (macro - done) * (1.0 - 1e-12) else done + h
-                    else:
-                        state.lagged_1_m[0], state.lagged_1_m[1] = lagged_1, lagged_2
-                        flag[ADVICE] = 0.5 * h
-                        if flag[ADVICE] < 2.0**-_HALVINGS * macro:
-                            going = False
-                            break
-                if not going:
-                    break
-                flag[TIME] += macro
-                if physics.softening_m2 > 0.0:
-                    note_kink(state.strain, rule.mode, physics.softening_m2, flag)
-                if flag[RESTED] > _REST_TIME_S:
-                    flag[ASLEEP] = 1.0
-                    for f in range(state.velocity.shape[0]):
-                        state.velocity[f] = 0.0
+                    flag[ADVICE] = 0.5 * h
+                    if flag[ADVICE] < 2.0**-_HALVINGS * macro:
+                        going = False
+                        break
             if not going:
-                return sample
-            if seen.shape[0] > 0:
-                if steps > 0:
-                    copy_into(memory[: seen.shape[1]], seen[sample])
-                else:
-                    copy_into(seen[sample], memory)
-            if out.shape[0] > 0:
-                if flag[ASLEEP] > 0.0 and sample > 0 and out[sample - 1, 35] > 0.0:
-                    for k in range(ROW_SIZE):
-                        out[sample, k] = out[sample - 1, k]
-                    out[sample, 0] = flag[TIME]
-                else:
-                    place_rod(state, physics, rule, work, layout, 0.0)
-                    gather(state.velocity, work.column, work.vector)
-                    combine_rows(work.rows, layout.columns, work.vector, work.rate)
-                    write_row(state, physics, rule, work, layout, out[sample])
-        return samples
-
-    return play
-
-
-play = _compile(source_stamp())
+                break
+            flag[TIME] += macro
+            if physics.softening_m2 > 0.0:
+                note_kink(state.strain, rule.mode, physics.softening_m2, flag)
+            if flag[RESTED] > _REST_TIME_S:
+                flag[ASLEEP] = 1.0
+                for f in range(state.velocity.shape[0]):
+                    state.velocity[f] = 0.0
+        if not going:
+            return sample
+        if seen.shape[0] > 0:
+            if steps > 0:
+                copy_into(memory[: seen.shape[1]], seen[sample])
+            else:
+                copy_into(seen[sample], memory)
+        if out.shape[0] > 0:
+            if flag[ASLEEP] > 0.0 and sample > 0 and out[sample - 1, 35] > 0.0:
+                for k in range(ROW_SIZE):
+                    out[sample, k] = out[sample - 1, k]
+                out[sample, 0] = flag[TIME]
+            else:
+                place_rod(state, physics, rule, work, layout, 0.0)
+                gather(state.velocity, work.column, work.vector)
+                combine_rows(work.rows, layout.columns, work.vector, work.rate)
+                write_row(state, physics, rule, work, layout, out[sample])
+    return samples

@@ -145,6 +145,10 @@ class SequencerTable(pydantic.BaseModel):
     )
     distance_m: float | None = Field(None, gt=0, le=1e6, description="stop after this distance, in metres")
     recovery: bool = Field(True, description="reverse the curvature when a chamber is dead, and roll on")
+    turn_back: bool = Field(
+        False,
+        description="stopped because it cannot roll as ordered, roll the other way, where what is left pushes it there",
+    )
     detection: bool = Field(True, description="find faults; false: none is found, and none answered")
     start_s: float = Field(0.5, ge=0, le=1e6, description="when the order is given, in seconds")
     bend_rad: float | None = Field(

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.body import Motion
-from softbot import plant_conditions
 from softbot.faults import CHAMBER_COUNT
 from softbot.kernel_compiler import kernel
-from softbot.kernel_stamp import kernel_stamp
 from softbot.plant_conditions import GYRO_OFFSET, IMU_DEAD, IMU_STUCK, PlantConditions, pressure_reading
 from softbot.sensing import READINGS, Readings, SensorParameters
 
@@ -48,69 +46,63 @@ SENSORS = np.dtype(
 """What the sensors of a run are like and remember, as a record for compiled code."""
 
 
-def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel(nogil=True)
-    def read_sensors(
-        memory: Any,
-        t_s: float,
-        rotation: FloatArray,
-        angular_velocity_rad_s: FloatArray,
-        velocity_m_s: FloatArray,
-        pressure_Pa: FloatArray,
-        opening: FloatArray,
-        conditions: FloatArray,
-        draws: FloatArray,
-        out: Any,
-    ) -> bool:
-        """Write a reading into out[0] (READINGS). memory[0]: SENSORS. draws: shape (11,); conditions as of now.
+@kernel(nogil=True)
+def read_sensors(
+    memory: Any,
+    t_s: float,
+    rotation: FloatArray,
+    angular_velocity_rad_s: FloatArray,
+    velocity_m_s: FloatArray,
+    pressure_Pa: FloatArray,
+    opening: FloatArray,
+    conditions: FloatArray,
+    draws: FloatArray,
+    out: Any,
+) -> bool:
+    """Write a reading into out[0] (READINGS). memory[0]: SENSORS. draws: shape (11,); conditions as of now.
 
-        rotation: columns e1, e2, t; pressure_Pa: four chambers and the manifold, shape (5,).
-        """
-        own, reading = memory[0], out[0]
-        for i in range(CHAMBER_COUNT):
-            shown = pressure_reading(
-                i,
-                pressure_Pa,
-                own.pressure_bias_Pa[i],
-                draws[i],
-                own.pressure_noise_Pa,
-                own.last_pressure_Pa[i],
-                conditions,
-            )
-            if own.pressure_resolution_Pa > 0.0:
-                shown = np.round(shown / own.pressure_resolution_Pa) * own.pressure_resolution_Pa
-            own.last_pressure_Pa[i] = reading.pressure_Pa[i] = shown
-            reading.opening[i] = opening[i]
-        reading.supply_Pa = pressure_Pa[CHAMBER_COUNT] + own.supply_noise_Pa * draws[CHAMBER_COUNT]
-        since_s = t_s - own.last_t_s
-        for k in range(3):
-            spin = force = 0.0
-            for c in range(3):
-                spin += rotation[c, k] * angular_velocity_rad_s[c]
-                gained = (velocity_m_s[c] - own.last_velocity_m_s[c]) / since_s if since_s > 0.0 else 0.0
-                force += rotation[c, k] * (gained - own.gravity_m_s2[c])
-            reading.gyro_rad_s[k] = spin + own.gyro_bias_rad_s[k] + own.gyro_noise_rad_s * draws[5 + k]
-            reading.accelerometer_m_s2[k] = (
-                force + own.accelerometer_bias_m_s2[k] + own.accelerometer_noise_m_s2 * draws[8 + k]
-            )
-        reading.gyro_rad_s[2] += conditions[GYRO_OFFSET]
-        for k in range(3):
-            own.last_velocity_m_s[k] = velocity_m_s[k]
-            if conditions[IMU_STUCK] > 0.0:
-                reading.gyro_rad_s[k] = own.last_gyro_rad_s[k]
-                reading.accelerometer_m_s2[k] = own.last_accelerometer_m_s2[k]
-            elif conditions[IMU_DEAD] > 0.0:
-                reading.gyro_rad_s[k] = reading.accelerometer_m_s2[k] = 0.0
-            own.last_gyro_rad_s[k] = reading.gyro_rad_s[k]
-            own.last_accelerometer_m_s2[k] = reading.accelerometer_m_s2[k]
-        own.last_t_s = t_s
-        reading.t_s = t_s
-        return stamp > 0
-
-    return read_sensors
-
-
-read_sensors = _compile(kernel_stamp(plant_conditions))
+    rotation: columns e1, e2, t; pressure_Pa: four chambers and the manifold, shape (5,).
+    """
+    own, reading = memory[0], out[0]
+    for i in range(CHAMBER_COUNT):
+        shown = pressure_reading(
+            i,
+            pressure_Pa,
+            own.pressure_bias_Pa[i],
+            draws[i],
+            own.pressure_noise_Pa,
+            own.last_pressure_Pa[i],
+            conditions,
+        )
+        if own.pressure_resolution_Pa > 0.0:
+            shown = np.round(shown / own.pressure_resolution_Pa) * own.pressure_resolution_Pa
+        own.last_pressure_Pa[i] = reading.pressure_Pa[i] = shown
+        reading.opening[i] = opening[i]
+    reading.supply_Pa = pressure_Pa[CHAMBER_COUNT] + own.supply_noise_Pa * draws[CHAMBER_COUNT]
+    since_s = t_s - own.last_t_s
+    for k in range(3):
+        spin = force = 0.0
+        for c in range(3):
+            spin += rotation[c, k] * angular_velocity_rad_s[c]
+            gained = (velocity_m_s[c] - own.last_velocity_m_s[c]) / since_s if since_s > 0.0 else 0.0
+            force += rotation[c, k] * (gained - own.gravity_m_s2[c])
+        reading.gyro_rad_s[k] = spin + own.gyro_bias_rad_s[k] + own.gyro_noise_rad_s * draws[5 + k]
+        reading.accelerometer_m_s2[k] = (
+            force + own.accelerometer_bias_m_s2[k] + own.accelerometer_noise_m_s2 * draws[8 + k]
+        )
+    reading.gyro_rad_s[2] += conditions[GYRO_OFFSET]
+    for k in range(3):
+        own.last_velocity_m_s[k] = velocity_m_s[k]
+        if conditions[IMU_STUCK] > 0.0:
+            reading.gyro_rad_s[k] = own.last_gyro_rad_s[k]
+            reading.accelerometer_m_s2[k] = own.last_accelerometer_m_s2[k]
+        elif conditions[IMU_DEAD] > 0.0:
+            reading.gyro_rad_s[k] = reading.accelerometer_m_s2[k] = 0.0
+        own.last_gyro_rad_s[k] = reading.gyro_rad_s[k]
+        own.last_accelerometer_m_s2[k] = reading.accelerometer_m_s2[k]
+    own.last_t_s = t_s
+    reading.t_s = t_s
+    return True
 
 
 def sensors_memory(

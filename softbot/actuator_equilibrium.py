@@ -25,8 +25,10 @@ def wall_forces(
     stiffness: FloatArray,
 ) -> bool:
     """Wall force and tangent stiffness at a strain; False when some fibre is crushed or beyond its law."""
-    force[:] = 0.0
-    stiffness[:, :] = 0.0
+    for k in range(3):
+        force[k] = 0.0
+        for m in range(3):
+            stiffness[k, m] = 0.0
     pre_stretch = wall[_PRE_STRETCH]
     held_Pa = nominal_stress(code, wall, pre_stretch)
     for n in range(points.shape[0]):
@@ -90,13 +92,15 @@ def solve_strain(
         size = abs(step[0]) + radius * (abs(step[1]) + abs(step[2]))
         fraction = min(1.0, 0.5 / size) if size > 0.0 else 1.0  # at most a strain of 50 % at once
         while True:
-            trial[:] = strain + fraction * step
+            for k in range(3):
+                trial[k] = strain[k] + fraction * step[k]
             if wall_forces(points, code, wall, trial, force, stiffness):
                 break
             fraction *= 0.5
             if fraction < 1e-6:
                 return False
-        strain[:] = trial
+        for k in range(3):
+            strain[k] = trial[k]
         if size < 1e-10:  # what is left is of its square
             return True
     return size < 1e-9
@@ -126,7 +130,8 @@ def equilibrium_under(
         # at the edge of the dead band the slope is that of rising pressure
         active = 1.0 if pressure_Pa[i] >= dead_band_Pa or pressure_Pa[i] < 0.0 else 0.0
         _solve_symmetric(stiffness, active * load[0, i], active * load[1, i], active * load[2, i], column)
-        jacobian[:, i] = column
+        for k in range(3):
+            jacobian[k, i] = column[k]
     return True
 
 

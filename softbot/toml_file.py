@@ -36,6 +36,8 @@ def read_toml(path: Path) -> Table:
         raise InputError(f"{path}: is a folder; name a TOML file") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start}); save it as UTF-8") from None
+    except ValueError:  # what no file system takes for a name: a zero byte
+        raise InputError(f"{str(path)!r}: is no path; take the zero byte out") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if not text.strip():
@@ -102,14 +104,16 @@ _IN_TOML = dict.fromkeys(_LISTS, "input should be a list") | dict.fromkeys(_TABL
 
 def _explain(detail: Any, model: type[pydantic.BaseModel]) -> str:
     place = [part for part in detail["loc"] if not (isinstance(part, str) and part.startswith("function-"))]
-    key = ".".join(str(part) for part in place)
+    key = ".".join(str(part) for part in _walk(model, place)[0])
     kind, value = detail["type"], detail.get("input")
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = _fields_at(model, place[:-1])
+        known = list(_fields(_walk(model, place[:-1])[1]))
         return f"{key}: unknown key; {_suggest(str(place[-1]), known)}"
     if kind in ("missing", "missing_argument"):
         return f"{key}: missing; add it{_description(model, place)}"
     message = _IN_TOML.get(kind) or detail["msg"].removeprefix("Value error, ")
+    if kind == "too_short":
+        message = f"input should be a list of {detail['ctx']['min_length']} or more"
     if kind in _LISTS and isinstance(value, dict):
         message = f"input should be a list of tables, each under [[{key}]]"
     message = message[0].lower() + message[1:]
@@ -142,15 +146,27 @@ _UNIT_WORDS = frozenset(
 )
 
 
-def _fields_at(model: Any, place: list[Any]) -> list[str]:
+def _walk(model: Any, place: list[Any]) -> tuple[list[Any], Any]:
+    """A place of pydantic's without the tags of its unions, and the type that it leads to."""
+    kept = []
     for part in place:
-        if isinstance(part, int):
+        tagged = _tagged(model, part)
+        if typing.get_origin(model) is dict:
+            model = typing.get_args(model)[1]
+        elif tagged is not None:
+            model = tagged
             continue
-        fields = _fields(model)
-        if part not in fields:
-            continue  # the tag of a union
-        model = fields[part]
-    return list(_fields(model))
+        elif not isinstance(part, int):
+            model = _fields(model).get(part, model)
+        kept.append(part)
+    return kept, model
+
+
+def _tagged(annotation: Any, tag: Any) -> Any:
+    """The member of a union that has this tag, None where there is none."""
+    if any(isinstance(one, pydantic.Tag) and one.tag == tag for one in getattr(annotation, "__metadata__", ())):
+        return annotation.__origin__
+    return next(filter(None, (_tagged(inner, tag) for inner in getattr(annotation, "__args__", ()))), None)
 
 
 def _fields(model: Any) -> dict[str, Any]:
@@ -172,10 +188,7 @@ def _unfold(annotation: Any) -> list[Any]:
 
 
 def _description(model: Any, place: list[Any]) -> str:
-    for part in place[:-1]:
-        if not isinstance(part, int):
-            model = _fields(model).get(part, model)
-    for candidate in _unfold(model):
+    for candidate in _unfold(_walk(model, place[:-1])[1]):
         info = getattr(candidate, "model_fields", {}).get(place[-1] if place else "")
         if info is not None and info.description:
             return f" ({info.description})"
@@ -183,7 +196,7 @@ def _description(model: Any, place: list[Any]) -> str:
 
 
 def _entry(place: list[Any], index: str, assignment: str) -> Any:
-    if not index.isdigit() or int(index) >= len(place):
+    if index not in map(str, range(len(place))):
         raise InputError(
             f"--set {assignment!r}: {index!r} is no entry of that list; it has {len(place)}, counted from 0"
         )
@@ -192,9 +205,10 @@ def _entry(place: list[Any], index: str, assignment: str) -> Any:
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+        tables = tomllib.loads(f"value = {text.strip()}")
+    except (ValueError, RecursionError):  # no TOML, a number of too many digits, brackets too deep
         return text.strip()
+    return tables["value"] if len(tables) == 1 else text.strip()
 
 
 def _copy(value: Any) -> Any:

@@ -75,6 +75,13 @@ class Campaign(pydantic.BaseModel):
     )
     case: tuple[Case, ...] = Field((Case(name="all"),), min_length=1)
 
+    @pydantic.field_validator("name")
+    @classmethod
+    def _names_a_folder(cls, name: str) -> str:
+        if name in ("", ".", "..") or "/" in name or "\0" in name:
+            raise ValueError("its folder in runs/ is called so, too: take letters and digits")
+        return name
+
     @pydantic.model_validator(mode="after")
     def _distinct(self) -> Self:
         names = [one.name for one in self.case]
@@ -106,6 +113,13 @@ class Draws:
         base = scene_from(campaign.scene, f"{source}: scene", folder)
         if base.drive.kind != "sequencer":
             raise InputError(f'{source}: scene.drive.kind = "{base.drive.kind}": a campaign runs the sequencer')
+        if base.solver.twin != "rod":
+            raise InputError(
+                f'{source}: scene.solver.twin = "{base.solver.twin}": a campaign runs "rod"; take '
+                f"--compare N --twin {base.solver.twin} to make its runs again with the other"
+            )
+        if base.body:
+            raise InputError(f"{source}: scene.body: a campaign runs the robot alone; take the bodies out")
         self._tables: Table = base.table()
         self._known: dict[str, Robot] = {}
         self.run(0)  # whatever is wrong with the keys is wrong with the first

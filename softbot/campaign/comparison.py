@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from firmware_protocol.errors import BusError
+from sim.run_many import run_many
 from sim.scene import scene_from
 from softbot.campaign.bus_run import bus_row
-from softbot.campaign.campaign import Draws
-from softbot.campaign.execution import direct_row
+from softbot.campaign.campaign import Campaign, Draws
+from softbot.campaign.execution import direct_row, draws_here
 from softbot.campaign.outcome import FAULTS
-from softbot.errors import SimulationError
+from softbot.errors import InputError, SimulationError, SoftbotError
 
 
 @dataclass(frozen=True)
@@ -66,24 +68,42 @@ def compare(
     *,
     twin: str = "rod",
     transport: tuple[str, str] | None = None,
+    processes: int | None = None,
     told: Callable[[Compared], None] = lambda one: None,
 ) -> list[Compared]:
     """Make runs as the campaign makes them and again, over a bus and on `twin` ("rod" or "bullet").
 
-    transport: interface and channel of the bus; None: a virtual one. A run that fails either way has no verdict.
-    Raises InputError for what the other twin cannot run, BusError when the bus cannot be opened.
+    transport: interface and channel of the bus, which all runs share, one after another; None: a virtual one for each.
+    processes: default one a core. told: told of each run as it ends. A run that fails either way has no verdict.
+    Raises InputError for what the other twin cannot run, and when the bus cannot be opened.
     """
-    found = []
-    for number in numbers:
-        run = draws.run(number)
-        table = run.scene.table()
-        table["solver"]["twin"] = twin
-        again = scene_from(table, f"{draws.source}: run {number}", draws.folder)  # it may refuse what the rod takes
-        ours, our_delay_s = _judged(partial(direct_row, run.scene, run.known))
+    found: list[Compared] = []
+
+    def keep(result: Any) -> None:
+        if isinstance(result, SoftbotError):
+            raise result
+        found.append(result)
+        told(result)
+
+    task = partial(_compared, draws.campaign, draws.source, str(draws.folder), twin, transport)
+    run_many(numbers, 1 if transport is not None else processes, run=task, each=keep)
+    return sorted(found, key=lambda one: one.run)
+
+
+def _compared(
+    campaign: Campaign, source: str, folder: str, twin: str, transport: tuple[str, str] | None, number: int
+) -> Compared:
+    draws = draws_here(campaign, source, folder)
+    run = draws.run(number)
+    table = run.scene.table()
+    table["solver"]["twin"] = twin
+    again = scene_from(table, f"{draws.source}: run {number}", draws.folder)  # it may refuse what the rod takes
+    ours, our_delay_s = _judged(partial(direct_row, run.scene, run.known))
+    try:
         theirs, their_delay_s = _judged(partial(bus_row, again, run.known, transport=transport))
-        found.append(Compared(number, run.case, ours, theirs, our_delay_s, their_delay_s))
-        told(found[-1])
-    return found
+    except BusError as error:  # foreseen: a bus that there is not
+        raise InputError(str(error)) from None
+    return Compared(number, run.case, ours, theirs, our_delay_s, their_delay_s)
 
 
 def _judged(make: Callable[[], dict[str, Any]]) -> tuple[Verdict, float | None]:

@@ -93,7 +93,11 @@ Spread = Annotated[
     Annotated[Choose, pydantic.Tag("choose")]
     | Annotated[Span, pydantic.Tag("span")]
     | Annotated[Normal, pydantic.Tag("normal")],
-    pydantic.Discriminator(_which),
+    pydantic.Discriminator(
+        _which,
+        custom_error_type="distribution",
+        custom_error_message="input should be {choose = […]}, {low = …, high = …} or {mean = …, deviation = …}",
+    ),
 ]
 """Any of the distributions that are no plain value."""
 

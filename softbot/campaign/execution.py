@@ -63,7 +63,12 @@ def direct_row(scene: Scene, known: Robot | None = None) -> dict[str, Any]:
 
 def rows_here(campaign: Campaign, source: str, folder: str, number: int) -> dict[str, Any]:
     """`run_row` in a process that has only the campaign's tables: what a worker does."""
-    return run_row(_draws(campaign.model_dump_json(), source, folder), number)
+    return run_row(draws_here(campaign, source, folder), number)
+
+
+def draws_here(campaign: Campaign, source: str, folder: str) -> Draws:
+    """The draws of a campaign's tables, in a process that is asked for them again and again."""
+    return _draws(campaign.model_dump_json(), source, folder)
 
 
 @functools.lru_cache(maxsize=4)
@@ -123,6 +128,8 @@ def open_campaign(draws: Draws, folder: Path) -> None:
     """Make the folder of a campaign, or see that it is this campaign's. Raises InputError when it is another's."""
     path = folder / CAMPAIGN_FILE
     table = campaign_table(draws.campaign)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out {folder}: is a file; name a folder")
     if path.exists():
         before = read_toml(path)
         if _without_runs(before) != _without_runs(json.loads(json.dumps(table))):

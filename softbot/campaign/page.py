@@ -51,7 +51,7 @@ def page(draws: Draws, table: pa.Table, found: dict[str, Any], folder: Path) -> 
         ("single faults named right", percent(found["single"]["named_right"])),
         ("sensor faults told from chamber faults", percent(found["sensor_told_from_chamber"])),
         *([("single faults that matter", matter_words(found))] if found["that_matter"]["judged"] else []),
-        ("highest pressure over the chambers' limit", percent(found["highest_pressure_share"])),
+        ("highest pressure, of the chambers' limit", percent(found["highest_pressure_share"])),
     ]
     parts = [
         f"<h1>{escape(campaign.name)}</h1>",

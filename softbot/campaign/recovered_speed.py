@@ -6,6 +6,9 @@ The shipped robot at full effort; its valves and the board's limit on the set-po
 chambers follow faster or slower. What is damaged is a chamber ruptured, or ballooning (a weak chamber), or two ruptured
 in the same moment; detection is the sequencer's own. Pressure sensors are told to be noisier than the shipped ones:
 with the fastest valves the detector otherwise takes a chamber's own motion for noise.
+
+A weak chamber is compared with the same one dead in longer runs, once both have come to their speed, and over several
+onsets, each with a seed of its own: which revolution a fault meets decides how it is named, and so how the robot rolls.
 """
 
 from __future__ import annotations
@@ -33,6 +36,9 @@ VALVES = (2.4, 1.0, 0.7, 0.5, 0.4)
 """Conductance over the shipped robot's."""
 LEADS_RAD = (0.5, 0.8, 1.57)
 STRUCK_S, SETTLED_S, END_S = 4.0, 7.0, 20.0
+STEADY_S, LONG_S = 10.0, 40.0
+ONSETS, ONSET_S = 4, 0.13
+"""Onsets of what is compared with its standard error, and the time between them."""
 PAIRS = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))
 WEAK = (0.3, 0.6, 1.0)
 """Severities of a ballooning chamber."""
@@ -57,9 +63,19 @@ class Rolled:
 
 
 def rolled(
-    valves: float, lead_rad: float, faults: Iterable[Fault] = (), *, command: str = "left", seed: int = 0
+    valves: float,
+    lead_rad: float,
+    faults: Iterable[Fault] = (),
+    *,
+    command: str = "left",
+    seed: int = 0,
+    settled_s: float = SETTLED_S,
+    end_s: float = END_S,
 ) -> Rolled:
-    """Roll the shipped robot with valves so many times as large, at full effort. Raises SimulationError."""
+    """Roll the shipped robot with valves so many times as large, at full effort. Raises SimulationError.
+
+    settled_s: from when its speed counts; end_s: how long it rolls.
+    """
     gas = load_robot("default").pneumatics
     conductances = {
         "supply_valve_conductance_m3_s_Pa": [valves * one for one in gas.supply_valve_conductance_m3_s_Pa],
@@ -73,16 +89,16 @@ def rolled(
         "fault": [
             {"t_s": one.t_s, "kind": str(one.kind), "chamber": one.chamber, "severity": one.severity} for one in faults
         ],
-        "solver": {"twin": "rod", "accuracy": "fast", "duration_s": END_S, "seed": seed},
+        "solver": {"twin": "rod", "accuracy": "fast", "duration_s": end_s, "seed": seed},
     }
     scaled = [f"robot.pneumatics.{key}={value}" for key, value in conductances.items()]
     scene = scene_from(tables, "recovered_speed", Path(), (*scaled, "robot.sensors.pressure_noise_Pa=1500.0"))
     gains = designed_gains(scene.robot)
     gains = replace(gains, setpoint_rate_Pa_s=valves * gains.setpoint_rate_Pa_s)
-    trace = DirectRun(scene, gains=gains).advance(round(END_S / _CYCLE_S)).trace
+    trace = DirectRun(scene, gains=gains).advance(round(end_s / _CYCLE_S)).trace
     turns = (-1.0 if command == "left" else 1.0) * trace[:, _ROLL] / (2.0 * math.pi)
     return Rolled(
-        mean_rate(trace[:, 0], turns, SETTLED_S, math.inf) or 0.0,
+        mean_rate(trace[:, 0], turns, settled_s, math.inf) or 0.0,
         _lag_s(trace),
         longest_still_s(trace[:, 0], turns, STRUCK_S) or 0.0,
         float(trace[:, _PRESSURE].max()),
@@ -98,9 +114,41 @@ def _lag_s(trace: FloatArray) -> float:
     return _CYCLE_S * int(np.argmax(followed))
 
 
-def struck(chambers: Iterable[int], kind: FaultKind = FaultKind.RUPTURE, severity: float = 1.0) -> tuple[Fault, ...]:
+def struck(
+    chambers: Iterable[int], kind: FaultKind = FaultKind.RUPTURE, severity: float = 1.0, later_s: float = 0.0
+) -> tuple[Fault, ...]:
     """Something that befalls these chambers in the same moment."""
-    return tuple(Fault(STRUCK_S, chamber, kind, severity) for chamber in chambers)
+    return tuple(Fault(STRUCK_S + later_s, chamber, kind, severity) for chamber in chambers)
+
+
+def speeds_rev_s(valves: float, lead_rad: float, kind: FaultKind, severity: float = 1.0) -> FloatArray:
+    """Steady speeds with each chamber struck in turn, shape (ONSETS, 4)."""
+    return np.array(
+        [
+            [
+                rolled(
+                    valves,
+                    lead_rad,
+                    struck([chamber], kind, severity, ONSET_S * onset),
+                    seed=onset,
+                    settled_s=STEADY_S,
+                    end_s=LONG_S,
+                ).rate_rev_s
+                for chamber in range(4)
+            ]
+            for onset in range(ONSETS)
+        ]
+    )
+
+
+def weak_over_dead(valves: float, lead_rad: float) -> list[tuple[float, float]]:
+    """For each of WEAK: speed with a weak chamber over that with the same one dead, and its standard error."""
+    dead = speeds_rev_s(valves, lead_rad, FaultKind.RUPTURE).mean(axis=1)
+    compared = []
+    for severity in WEAK:
+        shares = speeds_rev_s(valves, lead_rad, FaultKind.BALLOONING, severity).mean(axis=1) / dead
+        compared.append((float(shares.mean()), float(shares.std(ddof=1) / math.sqrt(ONSETS))))
+    return compared
 
 
 def tables() -> str:
@@ -114,16 +162,6 @@ def tables() -> str:
     ]
     for (valves, lead), healthy in sound.items():
         dead = [rolled(valves, lead, struck([chamber])).rate_rev_s for chamber in range(4)]
-        weak = [
-            np.mean(
-                [
-                    rolled(valves, lead, struck([chamber], FaultKind.BALLOONING, severity)).rate_rev_s
-                    for chamber in range(4)
-                ]
-            )
-            / np.mean(dead)
-            for severity in WEAK
-        ]
         shares = [one / healthy.rate_rev_s for one in dead]
         cells = [
             f"{lag_s[valves]:.2f}",
@@ -131,7 +169,11 @@ def tables() -> str:
             f"{healthy.rate_rev_s:.2f}",
             f"{min(shares):.2f} … {max(shares):.2f}",
         ]
-        lines.append("| " + " | ".join(cells + [f"{one:.2f}" for one in weak]) + " |")
+        lines.append(
+            "| "
+            + " | ".join(cells + [f"{share:.2f} ± {error:.2f}" for share, error in weak_over_dead(valves, lead)])
+            + " |"
+        )
     lines += ["", "| two dead | " + " | ".join(f"lag {lag_s[valves]:.2f} s" for valves in VALVES) + " |"]
     lines.append("|---" * (1 + len(VALVES)) + "|")
     for pair in PAIRS:

@@ -41,7 +41,12 @@ def bench(
     import json as json_format
 
     from softbot.cli.streams import messages, nothing_printed
+    from softbot.cli.written_file import PICTURES, can_be_written
 
+    if out is not None:
+        can_be_written("--out", out)
+    if figure is not None:
+        can_be_written("--figure", figure, PICTURES)
     with nothing_printed():
         from sim.benchmark import cases, engines, measure
         from sim.benchmark.scaling import growth

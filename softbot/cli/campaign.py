@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from softbot.cli.options import Assignments, Json
+from softbot.cli.options import Json
 
 
 def campaign(
@@ -18,9 +18,16 @@ def campaign(
         Path | None,
         typer.Option(help="Folder of the campaign; one that was begun there goes on. Default: runs/NAME."),
     ] = None,
-    assignments: Assignments = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="A.B=VALUE",
+            help="Override a value of the campaign, as scene.solver.duration_s=20; may be given many times.",
+        ),
+    ] = None,
     runs: Annotated[int | None, typer.Option(help="Number of runs, in place of the file's.")] = None,
-    processes: Annotated[int | None, typer.Option(help="Processes. Default: one for each core.")] = None,
+    processes: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one for each core.")] = None,
     matters: Annotated[
         bool,
         typer.Option(
@@ -57,7 +64,10 @@ def campaign(
 
     from softbot.campaign.campaign import load_campaign
     from softbot.campaign.execution import CAMPAIGN_FILE, campaign_in
+    from softbot.errors import InputError
 
+    if replay is not None and compare is not None:
+        raise InputError("--replay and --compare: give one of them; each makes runs of its own")
     given = list(assignments or [])
     if runs is not None:
         given.append(f"runs={runs}")
@@ -76,7 +86,7 @@ def campaign(
         _replay(draws, replay, folder, json=json)
         return
     if compare is not None:
-        _compare(draws, compare, twin, None if interface is None else (interface, channel), json=json)
+        _compare(draws, compare, twin, None if interface is None else (interface, channel), processes, json=json)
         return
     found = _carry_out(draws, folder, processes, scheduler)
     if json:
@@ -96,7 +106,9 @@ def _replay(draws: Any, number: int, folder: Path, *, json: bool) -> None:
     perform(run.scene, open_run_folder(run.scene.name, folder / f"run-{number}"), json=json, known=run.known)
 
 
-def _compare(draws: Any, count: int, twin: str, transport: tuple[str, str] | None, *, json: bool) -> None:
+def _compare(
+    draws: Any, count: int, twin: str, transport: tuple[str, str] | None, processes: int | None, *, json: bool
+) -> None:
     import json as json_format
 
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -127,7 +139,12 @@ def _compare(draws: Any, count: int, twin: str, transport: tuple[str, str] | Non
     ):
         task = bar.add_task(f"{draws.campaign.name} on {twin}", total=count)
         found = compare(
-            draws, range(count), twin=twin, transport=transport, told=lambda one: bar.update(task, advance=1)
+            draws,
+            range(count),
+            twin=twin,
+            transport=transport,
+            processes=processes,
+            told=lambda one: bar.update(task, advance=1),
         )
     told = {"twin": twin, "bus": "virtual" if transport is None else " ".join(transport), **summary_of(found)}
     if json:

@@ -48,8 +48,23 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
         except OSError as error:  # a path that no file system takes, a stream that is full
             where = f"{error.filename}: " if error.filename else ""
             _end(f"{where}{error.strerror or error}", InputError.exit_status)
+        except Exception as error:  # Ctrl-C in the compiler, which then stumbles over what it left half-made
+            interruption = _interruption(error)
+            if interruption is None:
+                raise
+            what = f"in its wake {type(error).__name__}: {error}"
+            if isinstance(interruption, Terminated):
+                _end(f"terminated; {what}", TERMINATED)
+            _end(f"interrupted; {what}", INTERRUPTED)
 
     return guarded
+
+
+def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:
+    """The interruption in whose wake an error came; None where it came by itself."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 @contextlib.contextmanager

@@ -27,7 +27,7 @@ def figure(
 
     from sim.figures import draw, figures
     from softbot.cli.streams import messages, nothing_printed
-    from softbot.errors import InputError
+    from softbot.cli.written_file import PICTURES, can_be_written
     from softbot.toml_file import override
 
     if name is None:
@@ -36,8 +36,8 @@ def figure(
         typer.echo(json_format.dumps({"figures": listed}) if json else text)
         return
     path = out or Path(f"{name}.png")
-    if path.is_dir():
-        raise InputError(f"--out {path}: is a folder; name a file in it")
+    if out is not None:
+        can_be_written("--out", out, PICTURES)
     with messages().status(f"drawing {name} (the first time the twins are compiled) …"), nothing_printed(quiet=json):
         drawn = draw(name, path, override({}, options or []), PACKAGES)
     if json:

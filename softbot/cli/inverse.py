@@ -29,12 +29,16 @@ def inverse(
 ) -> None:
     """Pressures that bend a robot as wanted; with --check, how exactly, over the workspace and through hysteresis."""
     import json as json_format
+    import math
 
     from softbot.cross_section import CHAMBERS
     from softbot.errors import InputError
     from softbot.robot import robot_from, robot_table
     from softbot.toml_file import override
 
+    for option, value in (("--bend-deg", bend_deg), ("--direction-deg", direction_deg), ("--length-mm", length_mm)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{option} {value:g}: give a finite number")
     unusable = tuple(dict.fromkeys(dead or ()))
     if any(chamber not in range(CHAMBERS) for chamber in unusable):
         raise InputError(f"--dead {list(unusable)}: name chambers of 0 to {CHAMBERS - 1}")

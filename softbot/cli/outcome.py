@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from softbot.spoken_offer import spoken_offer
+
 FILES = (("report", "report.html"), ("telemetry", "telemetry.parquet"), ("bus log", "bus.log"))
 """What a reader looks for in a run folder."""
 
@@ -15,6 +17,7 @@ def show(folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from softbot.errors import InputError
     from softbot.report.headline import headline
     from softbot.report.recording import read_recording
 
@@ -22,7 +25,12 @@ def show(folder: Path) -> None:
     console = Console()
     console.print(headline(recording), style="bold", highlight=False)
     table = Table(show_header=False, box=None, pad_edge=False)
-    for name, value in rows(recording.summary):
+    try:
+        found = rows(recording.summary)
+    except KeyError as error:
+        path = folder / "summary.json"
+        raise InputError(f"{path}: {error.args[0]}: missing; run the scene again with this version") from None
+    for name, value in found:
         table.add_row(f"{name:11}", value)
     console.print(table)
     for label, name in FILES:
@@ -43,7 +51,7 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
     if summary["revolutions"] is None:
         found.append(("revolutions", f"{summary['total_revolutions']:+.2f} in all; it ended before it was steady"))
     else:
-        found.append(("revolutions", f"{summary['revolutions']:+.2f} in {summary['steady_span_s']:.1f} s"))
+        found.append(("revolutions", f"{summary['revolutions']:+.2f} in the last {summary['steady_span_s']:.1f} s"))
         found.append(("moved", f"{100.0 * x_m:+.1f} cm along, {100.0 * y_m:+.1f} cm to the left"))
     if advance_m is not None:
         found.append(("advance", f"{1e3 * advance_m:.1f} mm per revolution"))
@@ -55,6 +63,8 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         found.append(("detected", f"{one['t_s']:.2f} s: {_words(one)} ({late})"))
     for answer in summary["recoveries"]:
         found.append(("answered", f"{answer['t_s']:.2f} s: {str(answer['strategy']).replace('_', ' ')}"))
+        if isinstance(answer.get("offer"), dict):
+            found.append(("left", spoken_offer(answer["offer"])))
     if factor is not None:
         found.append(("speed", f"{factor:.1f} x real time ({summary['twin']} twin, {summary['accuracy']})"))
     return found

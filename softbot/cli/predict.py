@@ -32,10 +32,13 @@ def predict(
     import json as json_format
     import math
 
+    from softbot.errors import InputError
     from softbot.prediction import predict as predicted
     from softbot.robot import robot_from, robot_table
     from softbot.toml_file import override
 
+    if max_pressure_kpa is not None and not (math.isfinite(max_pressure_kpa) and max_pressure_kpa > 0.0):
+        raise InputError(f"--max-pressure-kPa {max_pressure_kpa:g}: give a pressure above zero")
     table, source = robot_table(robot, Path())
     one = robot_from(override(table, settings or []), source)
     largest_Pa = None if max_pressure_kpa is None else 1e3 * max_pressure_kpa

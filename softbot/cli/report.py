@@ -18,7 +18,10 @@ def report(
     """Write the report of a run folder. A run that was killed is finished first, from what it left."""
     from softbot.cli.perform import print_outcome
     from softbot.cli.streams import messages
+    from softbot.cli.written_file import can_be_written
 
+    if still is not None:
+        can_be_written("--still", still, (".png",))
     with messages().status("writing the report"):
         from softbot.nodes.killed_run import finish_killed_run, was_killed
         from softbot.report import write_report

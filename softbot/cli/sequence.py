@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from softbot.cli.options import Assignments, BusFaultFile, Channel, Interface, Json, SceneFile, SlowMotion, Urgent
+from softbot.spoken_offer import spoken_offer
 
 if TYPE_CHECKING:
+    from controllers.interface import Recovery
     from softbot.nodes.sequencer_node import SequencerNode
 
 
@@ -70,7 +73,7 @@ class Narrator:
     def __init__(self, bus: str) -> None:
         self._bus = bus
         self._last = ""
-        self._told = 0
+        self._told, self._answers_told = 0, 0
 
     def __call__(self, node: SequencerNode) -> None:
         """Show the node after a cycle."""
@@ -84,3 +87,11 @@ class Narrator:
             kind = str(found.kind).replace("_", " ")
             typer.echo(f"softbot: found: chamber {found.chamber}, {kind} ({100.0 * found.confidence:.0f} %)", err=True)
         self._told = len(node.detections)
+        for answer in node.recoveries[self._answers_told :]:
+            typer.echo(f"softbot: {_answered(answer)}", err=True)
+        self._answers_told = len(node.recoveries)
+
+
+def _answered(answer: Recovery) -> str:
+    strategy = answer.strategy.replace("_", " ")
+    return strategy if answer.offer is None else f"{strategy}: {spoken_offer(asdict(answer.offer))}"

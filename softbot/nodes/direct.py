@@ -18,15 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers import manifold_relief
-from controllers import pressure_loop as pressure_loop_module
-from controllers.interface import STATES, STRATEGIES, Command, Detection, Order, Recovery
+from controllers.interface import STATES, Detection, Recovery
 from controllers.manifold_relief import relief_memory, relieve_manifold
+from controllers.offer import recovery_of
 from controllers.pressure_loop import PressureLoopGains, pack_pressure_loop, pressure_loop_step
 from controllers.sequencer import cycle as sequencer_cycle
 from controllers.sequencer import give_order
 from controllers.sequencer_parts import SequencerConfig, SequencerMemory, SequencerParts, sequencer_memory
-from sim import plant_kernel, rod_groups, rod_memory, sensors
 from sim.motion_rows import ROW_SIZE, TIME
 from sim.plant import Plant
 from sim.plant_kernel import DONE, PlantParts, RodParts, failure, handed_play, rod_period
@@ -42,8 +40,6 @@ from softbot.errors import InputError, SimulationError
 from softbot.faults import CHAMBER_COUNT, KINDS
 from softbot.kernel_compiler import kernel, part
 from softbot.kernel_entry import entry, handed
-from softbot.kernel_stamp import kernel_stamp
-from softbot.nodes import ideal_bus
 from softbot.nodes.ideal_bus import (
     BusRules,
     answer_board,
@@ -54,7 +50,7 @@ from softbot.nodes.ideal_bus import (
     tell_readings,
 )
 from softbot.nodes.plant_node import board_limits
-from softbot.nodes.sequencer_node import sequencer_tuning
+from softbot.nodes.sequencer_node import ordered, sequencer_tuning
 from softbot.nodes.valve_loop import designed_gains, nominal_volumes_m3
 from softbot.robot import Robot
 from softbot.sensing import READINGS
@@ -80,8 +76,8 @@ class Valves(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What the sequencer found and answered: rows (time, chamber, kind, confidence) and (time, strategy), and how
-    many."""
+    """What the sequencer found and answered: rows (time, chamber, kind, confidence) and (time, strategy, and
+    how far a stop leaves it to be pushed to the left and right), and how many."""
 
     found: FloatArray
     answers: FloatArray
@@ -117,129 +113,126 @@ _ROLL = TRACE.index("roll_rad")
 _FIRST_PRESSURE, _FIRST_SETPOINT = TRACE.index("pressure_0_Pa"), TRACE.index("setpoint_0_Pa")
 
 
-def _compile(stamp: int):  # type: ignore[no-untyped-def]
-    @kernel(nogil=True)
-    def cycles(
-        play: Any,
-        rod_period: Any,
-        sequencer_cycle: Any,
-        read_sensors: Any,
-        rules: BusRules,
-        bus: Any,
-        sequencer: SequencerParts,
-        memory: SequencerMemory,
-        plant: PlantParts,
-        plant_memory: Any,
-        conditions: FloatArray,
-        rod: RodParts,
-        physics: Physics,
-        hold: FloatArray,
-        no_rows: FloatArray,
-        sensor_memory: Any,
-        draws: FloatArray,
-        reading: Any,
-        heard_reading: Any,
-        valves: Valves,
-        heard: Heard,
-        traces: Traces,
-        first: int,
-        count: int,
-        period_s: float,
-        steps: int,
-    ) -> int:
-        """`count` control cycles from number `first` on; as many rows of `traces`. What `rod_period` says."""
-        own, state, truth = memory.own[0], carve(rod.memory, rod.places)[1], plant_memory[0]
-        look = np.zeros((1, traces.rows.shape[1]))
-        pressure_Pa = np.zeros(CHAMBER_COUNT + 1)
-        for n in range(count):
-            cycle = first + n
-            t_s = np.round(1e6 * (cycle * period_s)) / 1e6
-            velocity = state.velocity
-            if state.flag[_ALOFT] == 1.0:  # the base's own velocity is not yet what its momentum asks for
-                play(rod.memory, rod.places, physics, hold, 1, 0, look, no_rows)
-                spin, speed = look[0, 13:16], look[0, 16:19]
-            else:
-                spin, speed = velocity[3:6], velocity[0:3]
-            for i in range(CHAMBER_COUNT + 1):
-                pressure_Pa[i] = truth.pressure_Pa[i]
-            read_sensors(
-                sensor_memory,
-                cycle * steps * rod.step_s,
-                state.rotation,
-                spin,
-                speed,
-                pressure_Pa,
+@kernel(nogil=True)
+def cycles(
+    play: Any,
+    rod_period: Any,
+    sequencer_cycle: Any,
+    read_sensors: Any,
+    rules: BusRules,
+    bus: Any,
+    sequencer: SequencerParts,
+    memory: SequencerMemory,
+    plant: PlantParts,
+    plant_memory: Any,
+    conditions: FloatArray,
+    rod: RodParts,
+    physics: Physics,
+    hold: FloatArray,
+    no_rows: FloatArray,
+    sensor_memory: Any,
+    draws: FloatArray,
+    reading: Any,
+    heard_reading: Any,
+    valves: Valves,
+    heard: Heard,
+    traces: Traces,
+    first: int,
+    count: int,
+    period_s: float,
+    steps: int,
+) -> int:
+    """`count` control cycles from number `first` on; as many rows of `traces`. What `rod_period` says."""
+    own, state, truth = memory.own[0], carve(rod.memory, rod.places)[1], plant_memory[0]
+    look = np.zeros((1, traces.rows.shape[1]))
+    pressure_Pa = np.zeros(CHAMBER_COUNT + 1)
+    for n in range(count):
+        cycle = first + n
+        t_s = np.round(1e6 * (cycle * period_s)) / 1e6
+        velocity = state.velocity
+        if state.flag[_ALOFT] == 1.0:  # the base's own velocity is not yet what its momentum asks for
+            play(rod.memory, rod.places, physics, hold, 1, 0, look, no_rows)
+            spin, speed = look[0, 13:16], look[0, 16:19]
+        else:
+            spin, speed = velocity[3:6], velocity[0:3]
+        for i in range(CHAMBER_COUNT + 1):
+            pressure_Pa[i] = truth.pressure_Pa[i]
+        read_sensors(
+            sensor_memory,
+            cycle * steps * rod.step_s,
+            state.rotation,
+            spin,
+            speed,
+            pressure_Pa,
+            valves.opening,
+            conditions,
+            draws[n],
+            reading,
+        )
+        seen = reading[0]
+        for i in range(CHAMBER_COUNT):
+            valves.acted[i] = valves.opening[i]
+        obeys = board_cycle(rules, bus, seen.pressure_Pa)
+        board = bus[0]
+        if obeys:
+            pressure_loop_step(
+                valves.reference_Pa,
+                valves.model_Pa,
+                valves.integral_Pa_s,
                 valves.opening,
-                conditions,
-                draws[n],
-                reading,
+                board.setpoint_Pa,
+                seen.pressure_Pa,
+                seen.supply_Pa,
+                valves.packed,
             )
-            seen = reading[0]
+        else:
             for i in range(CHAMBER_COUNT):
-                valves.acted[i] = valves.opening[i]
-            obeys = board_cycle(rules, bus, seen.pressure_Pa)
-            board = bus[0]
-            if obeys:
-                pressure_loop_step(
-                    valves.reference_Pa,
-                    valves.model_Pa,
-                    valves.integral_Pa_s,
-                    valves.opening,
-                    board.setpoint_Pa,
-                    seen.pressure_Pa,
-                    seen.supply_Pa,
-                    valves.packed,
-                )
-            else:
-                for i in range(CHAMBER_COUNT):
-                    valves.reference_Pa[i] = valves.model_Pa[i] = seen.pressure_Pa[i]
-                    valves.integral_Pa_s[i] = 0.0
-                    valves.opening[i] = -1.0
-            relieve_manifold(
-                valves.relief, seen.pressure_Pa, seen.supply_Pa, rules.over_pressure_Pa, not obeys, valves.opening
-            )
-            tell_readings(rules, seen, valves.acted, heard_reading[0])
-            heard_reading[0].t_s = t_s
-            own.armed = hear_board(rules, bus, cycle)
-            sequencer_cycle(sequencer, memory, heard_reading, t_s)
-            _keep_events(memory, heard, t_s)
-            answer_board(rules, bus, cycle, t_s, own.wants_armed, own.setpoint_Pa, own.state)
-            done = rod_period(
-                play,
-                plant,
-                plant_memory,
-                conditions,
-                rod,
-                physics,
-                hold,
-                no_rows,
-                valves.opening,
-                obeys,
-                cycle * steps,
-                steps,
-            )
-            if done != DONE:
-                return -1 - n if done == 0 else done + 10 * n
-            row, estimate = traces.trace[n], memory.estimator[0]
-            rotation = state.rotation
-            row[0] = (cycle + 1) * steps * rod.step_s
-            roll = math.atan2(rotation[2, 0], rotation[2, 1])
-            before = traces.trace[n - 1, _ROLL] if n > 0 else traces.trace[traces.trace.shape[0] - 1, _ROLL]
-            row[1] = before + (roll - before) - 2.0 * math.pi * np.round((roll - before) / (2.0 * math.pi))
-            row[2], row[3] = state.position_m[0], state.position_m[1]
-            row[4] = math.atan2(rotation[1, 2], rotation[0, 2])
-            row[5] = estimate.roll_rad
-            row[6], row[7] = state.strain[1], -state.strain[0]
-            row[8], row[9], row[10] = own.side, own.state, board.heard_state
-            row[11] = truth.pressure_Pa[CHAMBER_COUNT]
-            for i in range(CHAMBER_COUNT):
-                row[_FIRST_PRESSURE + i] = truth.pressure_Pa[i]
-                row[_FIRST_SETPOINT + i] = board.setpoint_Pa[i] if obeys else 0.0
-            if traces.rows.shape[0] > 0:
-                play(rod.memory, rod.places, physics, hold, 1, 0, traces.rows[n : n + 1], no_rows)
-        return DONE if stamp > 0 else 0
-
-    return cycles
+                valves.reference_Pa[i] = valves.model_Pa[i] = seen.pressure_Pa[i]
+                valves.integral_Pa_s[i] = 0.0
+                valves.opening[i] = -1.0
+        relieve_manifold(
+            valves.relief, seen.pressure_Pa, seen.supply_Pa, rules.over_pressure_Pa, not obeys, valves.opening
+        )
+        tell_readings(rules, seen, valves.acted, heard_reading[0])
+        heard_reading[0].t_s = t_s
+        own.armed = hear_board(rules, bus, cycle)
+        sequencer_cycle(sequencer, memory, heard_reading, t_s)
+        _keep_events(memory, heard, t_s)
+        answer_board(rules, bus, cycle, t_s, own.wants_armed, own.setpoint_Pa, own.state)
+        done = rod_period(
+            play,
+            plant,
+            plant_memory,
+            conditions,
+            rod,
+            physics,
+            hold,
+            no_rows,
+            valves.opening,
+            obeys,
+            cycle * steps,
+            steps,
+        )
+        if done != DONE:
+            return -1 - n if done == 0 else done + 10 * n
+        row, estimate = traces.trace[n], memory.estimator[0]
+        rotation = state.rotation
+        row[0] = (cycle + 1) * steps * rod.step_s
+        roll = math.atan2(rotation[2, 0], rotation[2, 1])
+        before = traces.trace[n - 1, _ROLL] if n > 0 else traces.trace[traces.trace.shape[0] - 1, _ROLL]
+        row[1] = before + (roll - before) - 2.0 * math.pi * np.round((roll - before) / (2.0 * math.pi))
+        row[2], row[3] = state.position_m[0], state.position_m[1]
+        row[4] = math.atan2(rotation[1, 2], rotation[0, 2])
+        row[5] = estimate.roll_rad
+        row[6], row[7] = state.strain[1], -state.strain[0]
+        row[8], row[9], row[10] = own.side, own.state, board.heard_state
+        row[11] = truth.pressure_Pa[CHAMBER_COUNT]
+        for i in range(CHAMBER_COUNT):
+            row[_FIRST_PRESSURE + i] = truth.pressure_Pa[i]
+            row[_FIRST_SETPOINT + i] = board.setpoint_Pa[i] if obeys else 0.0
+        if traces.rows.shape[0] > 0:
+            play(rod.memory, rod.places, physics, hold, 1, 0, traces.rows[n : n + 1], no_rows)
+    return DONE
 
 
 @part()
@@ -255,14 +248,8 @@ def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
         k = heard.counts[1]
         if k < heard.answers.shape[0]:
             heard.answers[k, 0], heard.answers[k, 1] = t_s, own.answer[e]
+            heard.answers[k, 2], heard.answers[k, 3] = own.offered_rad[0], own.offered_rad[1]
             heard.counts[1] = k + 1
-
-
-cycles = _compile(
-    kernel_stamp(
-        ideal_bus, manifold_relief, plant_kernel, pressure_loop_module, rod_groups, rod_memory, sensors, __file__
-    )
-)
 
 
 @lru_cache(maxsize=16)
@@ -311,7 +298,7 @@ class DirectRun:
         reference, model, integral, opening, acted = (np.zeros(CHAMBER_COUNT) for _ in range(5))
         packed = pack_pressure_loop(self.gains or gains, known.pneumatics, volumes)
         self._valves = Valves(packed, reference, model, integral, opening, acted, relief_memory())
-        self.heard = Heard(np.zeros((_MOST_EVENTS, 4)), np.zeros((_MOST_EVENTS, 2)), np.zeros(2, dtype=np.int64))
+        self.heard = Heard(np.zeros((_MOST_EVENTS, 4)), np.zeros((_MOST_EVENTS, 4)), np.zeros(2, dtype=np.int64))
         self._readings = np.zeros(1, READINGS).view(np.recarray), np.zeros(1, READINGS).view(np.recarray)
         self._steps = steps_per_period(twin.step_s)
         self._order_cycle = max(0, math.ceil(own.start_s / CONTROL_PERIOD_S - 1e-7))
@@ -325,9 +312,7 @@ class DirectRun:
         at = 0
         while at < count:
             if self.done == self._order_cycle:
-                own = self.scene.sequencer
-                order = Order(Command(own.command), own.speed_rev_s, own.distance_m)
-                give_order(self.memory, order, self.done * CONTROL_PERIOD_S)
+                give_order(self.memory, ordered(self.scene.sequencer), self.done * CONTROL_PERIOD_S)
             part = self._until_something_changes(count - at)
             self._run(Traces(traces.trace[at : at + part], traces.rows[at : at + part]), part)
             at += part
@@ -417,7 +402,8 @@ class DirectRun:
 
     def recoveries(self) -> list[Recovery]:
         """Changes of strategy so far."""
-        return [Recovery(float(t_s), STRATEGIES[int(n)]) for t_s, n in self.heard.answers[: self.heard.counts[1]]]
+        answers = self.heard.answers[: self.heard.counts[1]].tolist()
+        return [recovery_of(t_s, int(n), left_rad, right_rad) for t_s, n, left_rad, right_rad in answers]
 
 
 def run_direct(
@@ -446,7 +432,7 @@ def run_direct(
     )
     recorder.note_faults(run.plant.conditions.active)
     recorder.events.detections = [asdict(found) for found in run.detections()]
-    recorder.events.recoveries = [asdict(answer) for answer in run.recoveries()]
+    recorder.events.recoveries = [answer.entry() for answer in run.recoveries()]
     return RunResult(*recorder.finish(run.plant.steps, run.plant.t_s, "done"))
 
 

@@ -80,7 +80,7 @@ def run_lockstep(
             send(sequencer_bus, frames, t_s)
             keep(frames, t_s)
             recorder.events.detections = [asdict(found) for found in own.detections]
-            recorder.events.recoveries = [asdict(answer) for answer in own.recoveries]
+            recorder.events.recoveries = [answer.entry() for answer in own.recoveries]
             if own.failure is not None:
                 raise SimulationError(f"the sequencer failed at t = {t_s:.2f} s: {own.failure}") from own.failure
             plant.advance()

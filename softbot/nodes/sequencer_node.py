@@ -63,6 +63,11 @@ def sequencer_tuning(table: SequencerTable) -> dict[str, Any]:
     return {name: getattr(table, name) for name in _TUNING}
 
 
+def ordered(table: SequencerTable) -> Order:
+    """The order that a `[sequencer]` table gives."""
+    return Order(Command(table.command), table.speed_rev_s, table.distance_m, table.turn_back)
+
+
 def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer:
     """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table."""
     from controllers.sequencer import Sequencer
@@ -82,7 +87,7 @@ class SequencerNode:
         self.was_armed = False
         self._sequencer = sequencer or make_sequencer(scene)
         own = scene.sequencer
-        self._order = Order(Command(own.command), own.speed_rev_s, own.distance_m)
+        self._order = ordered(own)
         self._order_after_s = own.start_s
         self._heard_since_s: float | None = None
         self._ordered, self._stopped = False, False

@@ -416,7 +416,7 @@ def sequencer_report(run: SequencerRun) -> dict[str, object]:
         "state": str(run.state),
         "link_failure": str(run.link_failure),
         "detections": [asdict(found) for found in run.detections],
-        "recoveries": [asdict(answer) for answer in run.recoveries],
+        "recoveries": [answer.entry() for answer in run.recoveries],
         "timing": asdict(run.timing),
     }
 

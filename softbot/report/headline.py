@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from softbot.report.recording import Recording
+from softbot.spoken_offer import spoken_offer
 
 STILL_REV = 0.05
 """Turning by less than this is standing still."""
@@ -24,6 +25,12 @@ FAULT_WORDS = {
     "stuck_closed": "lost chamber {chamber} at {t} (valve stuck closed)",
     "sensor_offset": "had the pressure sensor of chamber {chamber} drift off at {t}",
     "sensor_stuck": "had the pressure sensor of chamber {chamber} freeze at {t}",
+}
+
+ANSWER_WORDS = {
+    "curvature_reversal": "reversed its curvature",
+    "momentum": "went by momentum",
+    "rock_free": "tried to rock free",
 }
 
 
@@ -40,7 +47,7 @@ def headline(recording: Recording) -> str:
         clauses += _after(recording, fault, until_s, first_fault_s)
     sentence = _joined(clauses)
     sentences = [sentence[0].upper() + sentence[1:] + "."]
-    sentences += _false_alarms(recording) + _early_end(recording, end_s)
+    sentences += _left(recording) + _false_alarms(recording) + _early_end(recording, end_s)
     return " ".join(sentences)
 
 
@@ -100,12 +107,12 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
 
     answers = _within(recording, "recoveries", t_s, until_s)
     safe_stop = any(answer.get("strategy") == "safe_stop" for answer in answers)
-    recoveries = [answer for answer in answers if answer.get("strategy") != "safe_stop"]
+    turned = next((answer for answer in answers if answer.get("strategy") == "other_way"), None)
+    recoveries = [answer for answer in answers if answer.get("strategy") not in ("safe_stop", "other_way")]
     stalls = _within(recording, "stalls", t_s, until_s)
     standing = _stands_at_end(recording, t_s, until_s)
     if recoveries:
-        times = f" {len(recoveries)} times" if len(recoveries) > 1 else ""
-        timed.append((float(recoveries[0]["t_s"]), 2, f"reversed its curvature{times}"))
+        timed += _answered(recoveries)
     if stalls and (recoveries or not standing):
         timed.append((float(stalls[0]["t_s"]), 0, "stopped"))
     clauses += [clause for *_, clause in sorted(timed)]
@@ -114,7 +121,11 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
     more = turned_rev(recording, t_s, until_s)
     if safe_stop:
         clauses.append("went into the safe state")
-        if abs(more) >= STILL_REV:
+        if turned is not None:
+            clauses.append("turned back")
+            back = turned_rev(recording, float(turned["t_s"]), until_s)
+            clauses.append(f"rolled {_revolutions(abs(back))} that way" if abs(back) >= STILL_REV else "got no further")
+        elif abs(more) >= STILL_REV:
             clauses.append(f"coasted another {_revolutions(abs(more))}")
     elif recoveries:
         clauses.append(_more(more, before) if abs(more) >= STILL_REV else "got no further")
@@ -125,6 +136,16 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
     else:
         clauses.append(_more(more, before))
     return clauses
+
+
+def _answered(recoveries: list[dict[str, Any]]) -> list[tuple[float, int, str]]:
+    """When it first answered in each way, and how often."""
+    found = []
+    for order, (strategy, words) in enumerate(ANSWER_WORDS.items()):
+        times_s = [float(one["t_s"]) for one in recoveries if one.get("strategy") == strategy]
+        if times_s:
+            found.append((times_s[0], 2 + order, words + (f" {len(times_s)} times" if len(times_s) > 1 else "")))
+    return found
 
 
 def _naming(detection: dict[str, Any], fault: dict[str, Any]) -> str:
@@ -170,6 +191,15 @@ def _joined(clauses: list[str]) -> str:
     if len(clauses) == 1 or " and " in clauses[-1]:
         return ", ".join(clauses)
     return ", ".join(clauses[:-1]) + " and " + clauses[-1]
+
+
+def _left(recording: Recording) -> list[str]:
+    """What is left after the last safe stop, unless the robot rolled the other way then."""
+    answers = recording.events("recoveries")
+    if not answers or not isinstance(answers[-1].get("offer"), dict):
+        return []
+    words = spoken_offer(answers[-1]["offer"])
+    return [words[0].upper() + words[1:] + "."]
 
 
 def _false_alarms(recording: Recording) -> list[str]:

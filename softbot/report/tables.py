@@ -12,6 +12,7 @@ from typing import Any
 
 from softbot.report.headline import spoken_kind
 from softbot.report.recording import Recording
+from softbot.spoken_offer import spoken_offer
 
 MINUS = "\N{MINUS SIGN}"
 ABSENT = "\N{EM DASH}"
@@ -46,13 +47,16 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("wall_time_s", "solver time on the clock", "s", number),
     ("real_time_factor", "times real time", "×", number),
     ("steps", "solver steps", "", number),
-    ("steady_span_s", "steady span, over which the next four are measured", "s", number),
+    ("total_revolutions", "revolutions in all", "", number),
+    ("steady_span_s", "steady span at the end, over which the next four are measured", "s", number),
     ("revolutions", "revolutions of the mid section (right-handed about its tangent)", "", number),
     ("displacement_m", "displacement x, y", "cm", lambda value: _pair(value, 100.0)),
     ("advance_per_revolution_m", "advance per revolution", "mm", lambda value: number(value, 1000.0)),
     ("plane_rotation_rad", "rotation of the C's plane about its chord", "°", lambda value: number(value, DEGREES)),
     ("bend_rad", "bend", "°", lambda value: number(value, DEGREES)),
     ("angular_momentum_max_kg_m2_s", "largest angular momentum", "kg m²/s", number),
+    ("energy_gain_J", "most energy beyond the actuators' work", "J", number),
+    ("asleep_s", "asleep, and not computed", "s", number),
     ("false_alarms", "false alarms", "", _count),
     ("missed_faults", "missed faults", "", _count),
 )
@@ -106,7 +110,8 @@ def _event_text(title: str, entry: Mapping[str, Any]) -> str:
     chamber = entry.get("chamber")
     where = f"chamber {chamber}" if chamber is not None else ""
     if title == "recovery":
-        return spoken_kind(entry.get("strategy", "recovery"))
+        strategy, offer = spoken_kind(entry.get("strategy", "recovery")), entry.get("offer")
+        return f"{strategy}: {spoken_offer(offer)}" if isinstance(offer, dict) else strategy
     if title == "stall":
         theta = entry.get("theta_rad")
         at = f"θ = {number(theta, DEGREES, 3)}°" if isinstance(theta, int | float) else ""

@@ -56,7 +56,7 @@ def test_the_summary_counts_the_same_and_lists_the_others() -> None:
 
 def test_over_a_bus_the_verdicts_are_the_campaigns(make_draws: Make) -> None:
     told: list[int] = []
-    found = compare(make_draws(case=[TORN]), [0, 3], told=lambda one: told.append(one.run))
+    found = compare(make_draws(case=[TORN]), [0, 3], processes=1, told=lambda one: told.append(one.run))
     assert told == [0, 3]
     assert all(one.same for one in found)
     assert all(len(one.campaign.named) == 1 for one in found)
@@ -66,6 +66,13 @@ def test_over_a_bus_the_verdicts_are_the_campaigns(make_draws: Make) -> None:
 def test_what_the_other_twin_cannot_run_is_refused(make_draws: Make) -> None:
     with pytest.raises(InputError, match="twin"):
         compare(make_draws(), [0], twin="mujoco")
+    with pytest.raises(InputError, match="CAN interface 'nonsense'"):
+        compare(make_draws(), [0], transport=("nonsense", "vcan0"))
+
+
+def test_processes_share_the_runs_and_change_nothing(make_draws: Make) -> None:
+    draws = make_draws(case=[TORN])
+    assert compare(draws, range(3), processes=2) == compare(draws, range(3), processes=1)
 
 
 @pytest.mark.slow

@@ -111,6 +111,8 @@ def test_the_folder_of_another_campaign_is_left_alone(make_draws: Make, whole: P
     assert sorted((path.name, path.read_bytes()) for path in whole.iterdir()) == before
     (tmp_path / "diary").mkdir()
     (tmp_path / "diary" / "monday.txt").write_text("rain")
+    with pytest.raises(InputError, match="is a file; name a folder"):
+        carry_out(make_draws(), tmp_path / "diary" / "monday.txt", processes=1)
     with pytest.raises(InputError, match="no campaign"):
         carry_out(make_draws(), tmp_path / "diary", processes=1)
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from firmware_protocol.errors import BusError
 from softbot import __version__
 from softbot.cli import main
-from softbot.cli.exit_status import with_exit_status
+from softbot.cli.exit_status import Terminated, with_exit_status
 from softbot.cli.streams import messages, nothing_printed, progress_bar
 from softbot.errors import InputError, SimulationError, SoftbotError
 
@@ -116,6 +116,22 @@ def test_an_error_nobody_foresaw_is_not_hidden() -> None:
 
     app.command()(with_exit_status(command))
     assert isinstance(CliRunner().invoke(app, []).exception, ZeroDivisionError)
+
+
+@pytest.mark.parametrize(("interruption", "status"), [(KeyboardInterrupt, 130), (Terminated, 143)])
+def test_an_error_in_the_wake_of_an_interruption_is_the_interruption(
+    interruption: type[BaseException], status: int
+) -> None:
+    app = typer.Typer()
+
+    def command() -> None:
+        try:
+            raise interruption
+        finally:
+            raise RuntimeError("no compiled object yet")
+
+    app.command()(with_exit_status(command))
+    assert CliRunner().invoke(app, []).exit_code == status
 
 
 def test_what_libraries_print_is_kept_off_standard_output(capfd: pytest.CaptureFixture[str]) -> None:

@@ -76,9 +76,17 @@ def test_unknown_names_and_places_are_refused(measured, tmp_path, capsys):
         bench(engine=["gazebo"], repeats=1)
     with pytest.raises(InputError, match="cannot be written"):
         bench(repeats=1, out=tmp_path / "no" / "x.md")
-    with pytest.raises(InputError, match="cannot be drawn"):
+    with pytest.raises(InputError, match=r"x\.tune: the name ends in \.png"):
         bench(repeats=1, figure=tmp_path / "x.tune")
     capsys.readouterr()
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_anything_is_measured(monkeypatch, tmp_path):
+    monkeypatch.setattr(sim.benchmark, "measure", lambda *arguments, **options: pytest.fail("measured"))
+    with pytest.raises(InputError, match=r"--out .*: there is no folder .*no; choose another --out"):
+        bench(out=tmp_path / "no" / "x.md")
+    with pytest.raises(InputError, match=r"--figure .*: is a folder; name a file in it"):
+        bench(figure=tmp_path)
 
 
 def test_scenes_are_run_by_the_nodes_and_companies_over_processes(monkeypatch, scene_table):

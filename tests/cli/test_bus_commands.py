@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from controllers.interface import Detection, SequencerState
+from controllers.interface import Detection, Offer, Recovery, SequencerState
 from firmware_protocol.c_board import CBoardRules
 from firmware_protocol.enumerations import BoardMode
 from firmware_protocol.sequencer_link import LinkFailure, SequencerLink
@@ -115,16 +116,21 @@ def test_the_narrator_says_each_thing_once(capsys: pytest.CaptureFixture[str]) -
             self.link = SequencerLink()
             self.state = SequencerState.DISARMED
             self.detections: list[Detection] = []
+            self.recoveries: list[Recovery] = []
 
     node, tell = Node(), Narrator("socketcan vcan0")
     for _ in range(2):
         tell(node)  # type: ignore[arg-type]
     node.link.readings.board_mode = BoardMode.DISARMED
     node.detections.append(Detection(1.0, 2, "blocked_inlet", 0.9))
+    node.recoveries.append(Recovery(1.0, "curvature_reversal"))
+    node.recoveries.append(Recovery(9.0, "safe_stop", Offer(0.0, 2.0 * math.pi)))
     for _ in range(2):
         tell(node)  # type: ignore[arg-type]
     assert capsys.readouterr().err.splitlines() == [
         "softbot: waiting for the board on socketcan vcan0",
         "softbot: link disarmed, disarmed",
         "softbot: found: chamber 2, blocked inlet (90 %)",
+        "softbot: curvature reversal",
+        "softbot: safe stop: can still roll right",
     ]

@@ -39,3 +39,6 @@ def test_unknown_figures_and_folders_are_refused(softbot: Any, tmp_path: Path) -
     folder = softbot("figure", "moments", "--out", tmp_path)
     assert folder.exit_code == 2
     assert "is a folder" in folder.stderr
+    format_ = softbot("figure", "lock-map", "--out", tmp_path / "map.gif")  # at once, not after minutes of drawing
+    assert format_.exit_code == 2
+    assert "map.gif: the name ends in .png, .svg, .pdf" in format_.stderr

@@ -42,7 +42,8 @@ def test_check_prints_errors_within_the_bounds_that_are_promised(softbot: Any) -
     ("arguments", "says"),
     [
         (("--dead", 4), "name chambers of 0 to 3"),
-        (("--bend-deg", "nan"), "two finite numbers"),
+        (("--bend-deg", "nan"), "--bend-deg nan: give a finite number"),
+        (("--direction-deg", "inf"), "--direction-deg inf: give a finite number"),
         (("--length-mm", 0), "stretch = 0"),
         (("--set", "actuator.gains=[1, 1]"), "actuator.gains"),
     ],

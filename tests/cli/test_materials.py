@@ -63,3 +63,10 @@ def test_wrong_questions_are_refused(softbot: Any, robot_file: Path, arguments: 
     result = softbot("predict", robot_file, *arguments)
     assert result.exit_code == 2
     assert says in result.stderr
+
+
+@pytest.mark.parametrize("pressure_kPa", ["nan", "inf", "-1", "0"])
+def test_a_largest_pressure_that_is_none_is_refused_by_its_option(softbot: Any, pressure_kPa: str) -> None:
+    refused = softbot("predict", "default", "--max-pressure-kPa", pressure_kPa)
+    assert refused.exit_code == 2
+    assert f"--max-pressure-kPa {pressure_kPa}: give a pressure above zero" in refused.stderr

@@ -25,7 +25,7 @@ SUMMARY: dict[str, Any] = {
 
 def test_every_number_has_its_unit() -> None:
     assert rows(SUMMARY) == [
-        ("revolutions", "-4.25 in 17.5 s"),
+        ("revolutions", "-4.25 in the last 17.5 s"),
         ("moved", "+1.2 cm along, -25.0 cm to the left"),
         ("advance", "58.9 mm per revolution"),
         ("fault", "10.00 s: chamber 2, blocked inlet"),
@@ -34,6 +34,13 @@ def test_every_number_has_its_unit() -> None:
         ("answered", "10.10 s: curvature reversal"),
         ("speed", "2.5 x real time (bullet twin, fast)"),
     ]
+
+
+def test_a_safe_stop_says_what_is_left() -> None:
+    stop = {"t_s": 12.0, "strategy": "safe_stop", "offer": {"left_rad": 0.5, "right_rad": 1.0}}
+    told = rows(SUMMARY | {"recoveries": [stop]})
+    assert ("answered", "12.00 s: safe stop") in told
+    assert ("left", "can still be rocked, 29° left and 57° right") in told
 
 
 def test_what_a_run_does_not_have_is_left_out() -> None:

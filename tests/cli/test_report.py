@@ -27,6 +27,17 @@ def test_the_roll_is_drawn_as_one_picture(softbot: Any, scene_file: Path) -> Non
     result = softbot("report", "here", "--still", "roll.png")
     assert result.exit_code == 0, result.stderr
     assert Path("roll.png").read_bytes().startswith(b"\x89PNG")
+    refused = softbot("report", "here", "--still", "roll.gif")
+    assert refused.exit_code == 2
+    assert "--still roll.gif: the name ends in .png" in refused.stderr
+
+
+def test_a_summary_that_lacks_a_number_ends_with_2(softbot: Any, scene_file: Path) -> None:
+    softbot("run", scene_file, "--out", "here")
+    Path("here/summary.json").write_text("{}")
+    result = softbot("report", "here")
+    assert result.exit_code == 2
+    assert "here/summary.json: displacement_m: missing; run the scene again" in result.stderr
 
 
 def test_a_killed_run_is_finished(softbot: Any, scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from controllers.chamber_gas import gas_of, next_pressure
 from controllers.chamber_observer import INLET, OUTLET, STATES
 from controllers.fault_candidates import CANDIDATES, COUNT
 from controllers.fault_following import FOLLOWER, begin_following, follow, give_up, likeliest
-from controllers.fault_naming import KEPT, VERDICT, WINDOW
+from controllers.fault_window import KEPT, VERDICT, WINDOW
 from softbot.faults import BALLOON_LOSS, KIND_CODES, BALLOON_VOLUME_1_Pa, FaultKind
 from softbot.pneumatics import PneumaticsParameters
 

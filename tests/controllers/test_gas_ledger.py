@@ -9,7 +9,7 @@ import pytest
 
 from controllers.chamber_observer import HOLE, INLET, OUTLET
 from controllers.detector_parts import detector_memory, parts_of_detector
-from controllers.fault_naming import KEPT
+from controllers.fault_window import KEPT
 from controllers.gas_ledger import BELIEVES_LESS, FULL, keep_ledger, ledger_memory, vent_full
 from softbot.faults import KIND_CODES, Fault, FaultKind, PneumaticConditions
 from softbot.pneumatics import PneumaticsParameters, initial_state, pressures, step

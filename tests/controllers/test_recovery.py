@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from controllers.commutation import side_angle_rad, without
@@ -15,6 +15,7 @@ from controllers.recovery import RECOVERY, RecoveryTuning, best_on_side, plan_ro
 from softbot.rolling import reachable_half_plane
 
 TUNING = RecoveryTuning()
+WEAK_AND_NOT = [(0.0, 0.0, 0.0), (0.7, 0.0, 0.12), (0.7, 0.1, 0.0), (0.95, 0.0, 0.0)]
 LAG_S, AGILITY_1_S2 = 0.15, 500.0
 angles = st.floats(-20.0, 20.0)
 sides = st.sampled_from([1, -1])
@@ -30,7 +31,7 @@ class Rolling:
 
     def __init__(self, strength: Any, side: int = 1, forward: int = 1, lead_rad: float = 0.5) -> None:
         self.strength, self.side, self.forward, self.lead_rad = strength, side, forward, lead_rad
-        self.plans, self.t_s = fresh(), 0.0
+        self.plans, self.t_s, self.held = fresh(), 0.0, np.zeros(4)
         self.plans[0]["direction_rad"] = math.nan
 
     def cycle(self, roll_rad: float, rate_rad_s: float = 0.0, bent_rad: float | None = None, size: float = 1.0) -> Any:
@@ -47,7 +48,7 @@ class Rolling:
             rate_rad_s,
             bent,
             self.strength,
-            np.zeros(4),
+            self.held,
             self.t_s,
             LAG_S,
             AGILITY_1_S2,
@@ -155,6 +156,20 @@ def test_a_reversal_is_held_until_the_c_has_flipped_but_not_for_ever():
         assert held <= 11 if flips else held * 0.01 == pytest.approx(TUNING.longest * LAG_S, abs=0.03)
 
 
+@pytest.mark.parametrize(
+    ("strength", "held", "left"), [(0.0, 0.0, 0.0), (0.7, 0.0, 0.12), (0.7, 0.1, 0.0), (0.95, 0.0, 0.0)]
+)
+def test_with_a_weak_chamber_in_use_the_line_is_left_while_a_little_is_still_on_the_old_side(strength, held, left):
+    rolling = Rolling(np.array([1.0, 1.0, strength, 1.0]), side=-1)
+    rolling.held[0] = held
+    plan, roll_rad = rolling.plans[0], math.pi / 2 + 0.2
+    plan["reversing"], plan["line_rad"], plan["began_rad"] = True, math.pi / 2, roll_rad
+    for size in np.arange(0.3, -0.1, -0.01):
+        if not rolling.cycle(roll_rad, bent_rad=-math.pi / 2, size=size)["reversing"]:
+            break
+    assert size == pytest.approx(left, abs=0.011)
+
+
 @pytest.mark.parametrize("strength", [0.98, 0.92])
 def test_a_chamber_that_is_a_little_weak_costs_no_reversal(strength):
     weak = np.array([strength, 1.0, 1.0, 1.0])
@@ -181,3 +196,36 @@ def test_where_neither_side_gives_anything_the_robot_is_straightened():
         plan = Rolling(pair, side).cycle(math.pi / 2 - 0.3, bent_rad=math.pi / 2)
         assert plan["share"] == 0.0
         assert Rolling(pair, side).cycle(math.pi / 2 + 0.3, bent_rad=math.pi / 2)["share"] == 1.0
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    roll=angles,
+    rate=st.floats(-6.0, 6.0),
+    side=sides,
+    forward=sides,
+    lead=st.floats(0.1, 1.5),
+    strength=strengths,
+    bent=angles,
+    size=st.floats(0.0, 1.0),
+)
+def test_the_plan_for_the_right_is_the_mirror_image_of_that_for_the_left(
+    roll, rate, side, forward, lead, strength, bent, size
+):
+    """Mirrored at the vertical plane of the tangent, and in the body at the axis through chambers 0 and 2."""
+
+    def commanded(rolling, roll_rad, rate_rad_s, bent_rad):
+        plan = rolling.cycle(roll_rad, rate_rad_s, bent_rad, size)
+        towards = np.array([math.cos(plan["direction_rad"]), math.sin(plan["direction_rad"])])
+        return bool(plan["reversing"]), plan["share"] * towards
+
+    # where two plans are worth the same, as with two chambers as strong, either may be taken
+    assume(np.unique(strength[strength > 0.0]).size == np.count_nonzero(strength))
+    nearby = [commanded(Rolling(strength, side, forward, lead), roll + off, rate, bent)[1] for off in (-1e-4, 1e-4)]
+    assume(np.hypot(*(nearby[1] - nearby[0])) < 0.05)
+    here, there = Rolling(strength, side, forward, lead), Rolling(strength[[0, 3, 2, 1]], -side, -forward, lead)
+    reversing, plan = commanded(here, roll, rate, bent)
+    reversing_there, image = commanded(there, math.pi - roll, -rate, -bent)
+    assert there.side == -here.side
+    assert reversing_there is reversing
+    assert image == pytest.approx(plan * [1.0, -1.0], abs=1e-6)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.interface import Command, Order, SequencerState
+from controllers.interface import Command, Offer, Order, SequencerState
 from controllers.sequencer import Sequencer, regulated_lead_rad
 from controllers.sequencer_parts import SequencerConfig, sequencer_memory
 from softbot.faults import Fault
@@ -91,6 +91,36 @@ def test_two_dead_chambers_stop_it_safely(closed_loop):
     run = closed_loop(12.0, faults=(Fault(4.0, 0, "rupture"), Fault(4.0, 1, "rupture")))
     assert run.states[-1] is S.SAFE
     assert run.recoveries[-1].strategy == "safe_stop"
+
+
+def test_a_stop_for_want_of_chambers_offers_what_they_still_push_it(closed_loop):
+    run = closed_loop(12.0, faults=(Fault(4.0, 0, "rupture"), Fault(4.0, 1, "rupture")))
+    offer = run.recoveries[-1].offer
+    assert 0.2 < offer.left_rad + offer.right_rad < 1.6 * math.pi
+    assert all(answer.offer is None for answer in run.recoveries if answer.strategy != "safe_stop")
+
+
+@pytest.mark.parametrize(("kind", "severity"), [("stuck_open", 1.0), ("imu_dropout", 1.0)])
+def test_what_forbids_any_motion_leaves_nothing_and_is_not_turned_from(closed_loop, kind, severity):
+    orders = ((0.0, Order(Command.LEFT, 0.5, turn_back=True)),)
+    chamber = 1 if kind == "stuck_open" else None
+    run = closed_loop(9.0, faults=(Fault(4.0, chamber, kind, severity),), orders=orders)
+    assert [answer.strategy for answer in run.recoveries] == ["safe_stop"]
+    assert run.recoveries[0].offer == Offer(0.0, 0.0)
+    assert run.states[-1] is S.SAFE
+
+
+def test_a_robot_told_to_turn_back_does_so_once_and_can_then_still_be_stopped(closed_loop):
+    orders = ((0.0, Order(Command.LEFT, 0.5, turn_back=True)),)
+    run = closed_loop(25.0, faults=(Fault(4.0, 1, "rupture"), Fault(4.0, 2, "rupture")), orders=orders)
+    answers = [answer.strategy for answer in run.recoveries if answer.strategy in ("safe_stop", "other_way")]
+    assert answers == ["safe_stop", "other_way", "safe_stop"]
+    stopped_s, turned_s, _ = (a.t_s for a in run.recoveries if a.strategy in ("safe_stop", "other_way"))
+    pressure_Pa = np.array(run.pressure_Pa)[:, :4]
+    assert pressure_Pa[round(turned_s / 0.01)].max() < 2e3  # at rest in between
+    assert turned_s > stopped_s + 0.5
+    assert max(run.revolutions[round(turned_s / 0.01) :]) > run.revolutions[round(turned_s / 0.01)] + 0.1
+    assert run.states[-1] is S.SAFE
 
 
 def resting(t_s: float) -> Readings:

@@ -92,7 +92,17 @@ def test_traces_of_other_tools_read_with_their_strange_frames_left_out(tmp_path:
     ]
 
 
-@pytest.mark.parametrize("line", ["what is this", "(1.0) can0 110", "(x) can0 110#00", "(1.0) can0 110##"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "what is this",
+        "(1.0) can0 110",
+        "(x) can0 110#00",
+        "(1.0) can0 110##",
+        "(nan) can0 110#00",
+        "(1e18) can0 110#00",
+    ],
+)
 def test_a_line_that_is_none_is_named(tmp_path: Path, line: str) -> None:
     (tmp_path / "bad.log").write_text(f"(0.5) can0 110#00\n{line}\n")
     with pytest.raises(TraceError, match=r"bad\.log, line 2: .*is no candump record"):

@@ -64,6 +64,18 @@ def test_a_run_without_a_bus_is_the_run_on_the_bus(assignments: tuple[str, ...],
     assert len(set(on_bus.telemetry.column("state").to_pylist())) > 1  # something did happen
 
 
+def test_without_a_bus_it_stops_is_disarmed_and_turns_back_as_on_the_bus(gains: PressureLoopGains) -> None:
+    """Vented in between, where the angle of what is left of the pressures is all round-off: states and answers."""
+    kerb = 'fault=[{t_s=6.0, kind="obstacle", severity=0.25}]'
+    scene = scene_of(kerb, "sequencer.speed_rev_s=0.4", "sequencer.turn_back=true", duration_s=10.5)
+    direct, on_bus = run_direct(scene, gains=gains), run_lockstep(scene, gains=gains)
+    assert [answer["strategy"] for answer in on_bus.summary["recoveries"]] == ["safe_stop", "other_way"]
+    assert direct.summary["recoveries"] == on_bus.summary["recoveries"]
+    states = [run.telemetry.column("state").to_pylist() for run in (direct, on_bus)]
+    assert states[0] == states[1]
+    assert states[0][-1] == "rolling"
+
+
 def test_a_run_cut_into_parts_is_the_same_run(gains: PressureLoopGains) -> None:
     scene = scene_of('fault=[{t_s=0.7, chamber=3, kind="leak", ramp_s=0.5}]')
     whole, parts = DirectRun(scene, gains=gains), DirectRun(scene, gains=gains)

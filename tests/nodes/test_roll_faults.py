@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from controllers.interface import STATES, SequencerState
+from controllers.interface import STATES, Offer, SequencerState
 from sim.recorder import samples_of
 from sim.scene import scene_from
 from softbot.campaign.outcome import mean_rate
@@ -66,6 +67,14 @@ def test_a_robot_at_a_kerb_that_it_does_not_climb_stops_safely():
     assert named(run) == [(-1, "obstacle")]
     assert STATES[int(trace[-1, TRACE.index("state")])] is SequencerState.SAFE
     assert [answer.strategy for answer in run.recoveries()] == ["safe_stop"]
+
+
+def test_a_robot_at_a_kerb_offers_the_other_way_and_takes_it_when_told_to():
+    run, trace = run_of({"t_s": 6.0, "kind": "obstacle", "severity": 0.25}, turn_back=True, duration_s=18.0)
+    stop, turn = run.recoveries()
+    assert (stop.strategy, turn.strategy) == ("safe_stop", "other_way")
+    assert stop.offer == Offer(0.0, 2.0 * math.pi)
+    assert rate_rev_s(trace, turn.t_s + 3.0) == pytest.approx(-SPEED_REV_S, rel=0.05)
 
 
 @pytest.mark.parametrize("chamber", [0, 3])

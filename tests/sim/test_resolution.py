@@ -30,7 +30,7 @@ from sim.resolution import (
     step_error,
 )
 from sim.scene import CONTROL_PERIOD_S, Scene, scene_from, steps_per_period
-from softbot.errors import InputError
+from softbot.errors import InputError, SimulationError
 from softbot.rolling import coulomb_advance_ratio
 
 LEVELS = ("fast", "standard", "reference")
@@ -245,3 +245,10 @@ def test_feedback_of_the_roll_turns_at_the_lead_over_the_lag(table: dict[str, An
     fast = Demand.of(scene(table, drive__lead_rad=1.57, drive__lag_s=0.1)).turn_rate_rad_s
     assert slow == pytest.approx(math.tan(0.3) / 0.12)
     assert slow < fast < 10.0 / 0.12
+
+
+def test_a_wall_that_its_pressure_bursts_is_named_with_its_keys() -> None:
+    table = {"robot": "default", "drive": {"kind": "pressure", "peak_pressure_Pa": 100e3, "period_s": 4.0}}
+    soft = scene_from(table, "soft", Path(), ("robot.actuator.modulus_Pa=1",))  # MPa for Pa
+    with pytest.raises(SimulationError, match=r"crush or burst it; mind the units of robot\.actuator\.modulus_Pa"):
+        resolve(soft)

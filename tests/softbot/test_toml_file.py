@@ -30,6 +30,7 @@ class Cart(pydantic.BaseModel):
     front: Wheel
     spare: Wheel | None = None
     wheel: tuple[Wheel, ...] = ()
+    horse: tuple[str, ...] = Field(("Bess",), min_length=1)
 
     @pydantic.model_validator(mode="after")
     def _spare_fits(self) -> Cart:
@@ -73,6 +74,8 @@ def test_missing_file_and_folder_are_refused_by_name(tmp_path: Path) -> None:
     path.write_text("a = 1")
     with pytest.raises(InputError, match="cannot be read"):
         read_toml(path / "below.toml")
+    with pytest.raises(InputError, match=r"a\\x00b\.toml': is no path"):
+        read_toml(tmp_path / "a\0b.toml")
 
 
 def test_byte_order_mark_is_no_part_of_the_first_key(tmp_path: Path) -> None:
@@ -136,7 +139,11 @@ def test_failed_write_leaves_the_old_file_whole(tmp_path: Path, monkeypatch: pyt
         ("wheel.1.spokes=3", {"wheel": [{"diameter_mm": 1}, {"diameter_mm": 2, "spokes": 3}]}),
         ("wheel.0={diameter_mm = 9}", {"wheel": [{"diameter_mm": 9}, {"diameter_mm": 2}]}),
         ("new.table.key=1", {"new": {"table": {"key": 1}}}),
+        ("name=1\nother=2", {"name": "1\nother=2"}),
+        ("name=" + "9" * 6000, {"name": "9" * 6000}),
+        ("name=" + "[" * 3000, {"name": "[" * 3000}),
     ],
+    ids=lambda value: str(value)[:40],
 )
 def test_override_lays_one_value_over_a_copy(assignment: str, expected: dict[str, Any]) -> None:
     table = {"front": dict(FRONT), "wheel": [{"diameter_mm": 1}, {"diameter_mm": 2}]}
@@ -159,6 +166,7 @@ def test_later_overrides_win() -> None:
         ("wheel.2.spokes=3", "'2' is no entry of that list; it has 2, counted from 0"),
         ("wheel.last.spokes=3", "'last' is no entry of that list"),
         ("wheel.-1=3", "'-1' is no entry of that list"),
+        ("wheel.².spokes=3", "'²' is no entry of that list"),
         ("wheel.0.diameter_mm.x=3", "wheel.0.diameter_mm is a value, not a table"),
     ],
 )
@@ -190,6 +198,7 @@ def test_override_that_leads_nowhere_is_refused(assignment: str, says: str) -> N
         ({"front": {**FRONT, "spokes": 2.5}}, ["front.spokes = 2.5: input should be a valid integer"]),
         ({"front": 3}, ["front = 3: input should be a table"]),
         ({"front": FRONT, "wheel": 3}, ["wheel = 3: input should be a list"]),
+        ({"front": FRONT, "horse": []}, ["horse = []: input should be a list of 1 or more"]),
         ({"front": FRONT, "wheel": dict(FRONT)}, ["input should be a list of tables, each under [[wheel]]"]),
         ({"front": FRONT, "wheel": [FRONT, {"diameter_m": 1}]}, ["wheel.1.diameter_m: unknown key; did you mean dia"]),
         ({"front": FRONT, "spare": {"diameter_inch": 1}}, ["spare.diameter_inch: unknown key; did you mean diameter_"]),

@@ -85,6 +85,22 @@ def test_headline_tells_a_safe_stop_and_that_the_tube_coasted(runs: Any, tmp_pat
     assert "named it 0.12 s later, went into the safe state and coasted another 3.0 revolutions" in text
 
 
+def test_headline_tells_what_is_left_after_a_safe_stop(runs: Any, tmp_path: Path) -> None:
+    rocked = {"t_s": 4.5, "strategy": "rock_free"}
+    stop = {"t_s": 6.0, "strategy": "safe_stop", "offer": {"left_rad": 0.0, "right_rad": 1.4}}
+    text = runs.told(tmp_path, stops_s=4.0, faults=[runs.RUPTURE], recoveries=[rocked, rocked | {"t_s": 5.0}, stop])
+    assert "tried to rock free 2 times and went into the safe state. Can still be pushed 80° right, no further." in text
+
+
+def test_headline_tells_that_it_turned_back_after_a_safe_stop(runs: Any, tmp_path: Path) -> None:
+    stop = {"t_s": 5.0, "strategy": "safe_stop", "offer": {"left_rad": 0.0, "right_rad": 6.3}}
+    back = {"t_s": 6.0, "strategy": "other_way"}
+    text = runs.told(
+        tmp_path, stops_s=4.0, resumes_s=6.0, resumed_sign=-1.0, faults=[runs.RUPTURE], recoveries=[stop, back]
+    )
+    assert text.endswith("went into the safe state, turned back and rolled 2.0 revolutions that way.")
+
+
 def test_headline_finds_the_verdict_on_a_fault_that_another_one_followed(runs: Any, tmp_path: Path) -> None:
     at_once = runs.RUPTURE | {"chamber": 0}
     text = runs.told(tmp_path, faults=[runs.RUPTURE, at_once], detections=[runs.NAMED, runs.NAMED | {"chamber": 0}])

@@ -18,7 +18,7 @@ from pyarrow import parquet
 from softbot.report import write_report
 from softbot.report.page import MAX_SAMPLES, embedded_json
 from softbot.report.recording import read_recording
-from softbot.report.tables import number
+from softbot.report.tables import number, summary_table
 
 
 def page_and_data(run_dir: Path) -> tuple[str, dict[str, Any]]:
@@ -246,3 +246,9 @@ def test_frames_without_positions_are_left_out(runs: Any, tmp_path: Path) -> Non
     runs.write_shapes(run_dir / "shape.parquet", shapes.t_s, list(lines_m), list(shapes.director))
     _, data = page_and_data(run_dir)
     assert data["shapes"]["frames"] == shapes.t_s.size - 3
+
+
+def test_every_number_of_a_summary_is_called_in_words() -> None:
+    shown = summary_table({"total_revolutions": -2.5, "energy_gain_J": 1e-6, "asleep_s": 0.1})
+    assert "revolutions in all" in shown
+    assert "_" not in shown
