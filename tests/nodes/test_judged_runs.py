@@ -33,6 +33,14 @@ def test_a_soft_robot_is_not_taken_for_broken_when_its_chambers_are_vented_for_t
     assert judged(number, 5.0) == []
 
 
+@pytest.mark.parametrize(("number", "until_s"), [(1028, 5.2), (38, 12.6)])
+def test_a_soft_robot_whose_chambers_swell_more_than_is_believed_does_not_leak(number, until_s):
+    run = load_campaign(CAMPAIGN.with_name("healthy.toml"), ("seed=4711",)).run(number)
+    direct = DirectRun(run.scene, run.known)
+    direct.advance(round(until_s * 100))
+    assert direct.detections() == []
+
+
 @pytest.mark.parametrize("number", [1129, 14503, 17463])
 def test_an_offset_is_no_drift_because_the_shape_was_reckoned_with_it(number):
     found = judged(number, 11.0)
