@@ -37,11 +37,12 @@ def _show(plan: Plan) -> None:
         )
         return
     chosen = plan.resolution
-    console.print(
-        f"{scene.name}: rod twin, accuracy {scene.solver.accuracy}: errors up to {percent(chosen.target)}",
-        style="bold",
-        highlight=False,
-    )
+    promise = f"errors up to {percent(chosen.target)}"
+    if chosen.error > chosen.target:
+        given = any(choice.given for _, _, choice, _ in plan.choices())
+        why = "with what the scene states" if given else "at the finest that is taken"
+        promise = f"{promise} asked for, {percent(chosen.error)} estimated {why}"
+    console.print(f"{scene.name}: rod twin, accuracy {scene.solver.accuracy}: {promise}", style="bold", highlight=False)
     table = Table(box=None, pad_edge=False)
     for heading in ("chosen", "value", "estimated error"):
         table.add_column(heading)

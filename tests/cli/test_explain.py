@@ -52,6 +52,13 @@ def test_what_the_scene_states_is_called_given(softbot: Any, roll: Path) -> None
     assert "given in the scene" in " ".join(result.stdout.split())
 
 
+def test_a_target_that_is_not_reached_is_not_promised(softbot: Any, roll: Path) -> None:
+    result = softbot("run", roll, "--explain", "--set", "solver.modes=1", "--set", 'solver.accuracy="reference"')
+    words = " ".join(result.stdout.split())
+    assert "errors up to 0.05 % asked for, " in words
+    assert "estimated with what the scene states" in words
+
+
 def test_the_segment_twin_leaves_nothing_out(softbot: Any, roll: Path) -> None:
     result = softbot("run", roll, "--explain", "--set", 'solver.twin="bullet"')
     assert result.exit_code == 0
