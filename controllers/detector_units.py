@@ -19,4 +19,4 @@ def detector_units(robot: Robot) -> list[tuple[Any, Signature]]:
     """Units and what they take and give, for a robot's detector."""
     parts = parts_of_detector(robot.pneumatics, robot.sensors, None)
     arguments = (numba.typeof(one) for one in (parts, detector_memory(), np.zeros(1, READINGS).view(np.recarray)))
-    return [(detect, types.boolean(*arguments, types.Array(types.float64, 1, "C")))]
+    return [(detect, types.none(*arguments, types.Array(types.float64, 1, "C")))]

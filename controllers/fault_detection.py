@@ -535,7 +535,7 @@ def _judge_imu(parts: DetectorParts, own: Any, reading: Any) -> None:
 
 
 @unit(from_python=True)
-def detect(parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray) -> bool:
+def detect(parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, chamber_volume_m3: FloatArray) -> None:
     """One cycle of the detector; its verdicts stand in memory until the next. reading_memory: (1,) of READINGS.
 
     chamber_volume_m3 (4,): by the law, dead volume not counted.
@@ -547,7 +547,7 @@ def detect(parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, ch
         whole = whole and math.isfinite(reading.pressure_Pa[c]) and math.isfinite(reading.opening[c])
         whole = whole and chamber_volume_m3[c] + parts.gas.dead_volume_m3[c] > 0.0
     if not whole:
-        return True
+        return
     step_s = reading.t_s - own.last_t_s
     begins = math.isnan(own.last_t_s)
     lost = not begins and not 0.2 * parts.period_s < step_s < _LONGEST_STEP * parts.period_s
@@ -567,4 +567,3 @@ def detect(parts: DetectorParts, memory: DetectorMemory, reading_memory: Any, ch
     for c in range(CHAMBER_COUNT):
         own.before_Pa[c], own.last_Pa[c] = own.last_Pa[c], reading.pressure_Pa[c]
     own.last_supply_Pa, own.last_t_s = reading.supply_Pa, reading.t_s
-    return True

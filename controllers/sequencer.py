@@ -447,7 +447,7 @@ def _probe(parts: SequencerParts, memory: SequencerMemory, reading: Any) -> None
 
 
 @kernel(nogil=True)
-def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> bool:
+def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: float) -> None:
     """One control cycle at t_s: readings in reading[0] (READINGS); the answer stands in memory.own[0]."""
     own, estimate = memory.own[0], memory.estimator[0]
     step_s = 0.0 if math.isnan(own.last_t_s) else max(t_s - own.last_t_s, 0.0)
@@ -467,7 +467,6 @@ def cycle(parts: SequencerParts, memory: SequencerMemory, reading: Any, t_s: flo
     if parts.detects:
         vent_full(parts.detector, memory.ledger[0], parts.model.pressure_limit_Pa, own.setpoint_Pa)
     own.wants_armed = own.state != _DISARMED and own.state != _SAFE
-    return True
 
 
 def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:

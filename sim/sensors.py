@@ -58,7 +58,7 @@ def read_sensors(
     conditions: FloatArray,
     draws: FloatArray,
     out: Any,
-) -> bool:
+) -> None:
     """Write a reading into out[0] (READINGS). memory[0]: SENSORS. draws: shape (11,); conditions as of now.
 
     rotation: columns e1, e2, t; pressure_Pa: four chambers and the manifold, shape (5,).
@@ -102,7 +102,6 @@ def read_sensors(
         own.last_accelerometer_m_s2[k] = reading.accelerometer_m_s2[k]
     own.last_t_s = t_s
     reading.t_s = t_s
-    return True
 
 
 def sensors_memory(
