@@ -142,7 +142,10 @@ def cycles(
     period_s: float,
     steps: int,
 ) -> int:
-    """`count` control cycles from number `first` on; as many rows of `traces`. What `rod_period` says."""
+    """`count` control cycles from number `first` on; as many rows of `traces`.
+
+    DONE, or what `rod_period` says of the cycle that failed and ten times its number, from 0.
+    """
     own, state, truth = memory.own[0], carve(rod.memory, rod.places)[1], plant_memory[0]
     look = np.zeros((1, traces.rows.shape[1]))
     pressure_Pa = np.zeros(CHAMBER_COUNT + 1)
@@ -214,7 +217,7 @@ def cycles(
             steps,
         )
         if done != DONE:
-            return -1 - n if done == 0 else done + 10 * n
+            return done + 10 * n
         row, estimate = traces.trace[n], memory.estimator[0]
         rotation = state.rotation
         row[0] = (cycle + 1) * steps * rod.step_s
