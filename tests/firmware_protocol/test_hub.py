@@ -323,6 +323,19 @@ def test_a_peer_that_is_gone_before_it_is_served_harms_nothing() -> None:
     own.close()
 
 
+def test_a_client_that_left_without_hearing_what_it_was_told_is_forgotten() -> None:
+    """Whoever hangs up with unread bytes resets the stream: its next reading is an error instead of an end."""
+    own = Hub(address_of("bench"))
+    ours, theirs = socket.socketpair()
+    client = _Client(ours)
+    own._clients.add(client)
+    ours.send(GREETING)
+    theirs.close()
+    own._read(client)
+    assert own.clients == 0
+    own.close()
+
+
 def test_a_bus_that_was_closed_cannot_be_read(start: Callable[..., Running]) -> None:
     start()
     one = join()
