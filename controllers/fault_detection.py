@@ -86,6 +86,7 @@ _COST_OF_COMPANY = 60.0  # … beside another that is suspected or broken: it be
 _UNDECIDED, _TOO_NOISY = 0.3, 0.4  # of the CUSUM of the noise: a sensor may be noisy; no hurried verdict from there on
 _LEAST_PACE_Pa = 2e3  # in a cycle, twice in a row: four deviations of a reading
 _AGAINST, _FILLS_Pa = 6, 4e3  # cycles of venting in which a chamber that rises by so much is fed by something
+_REFILLS = 20  # cycles, for which a manifold that was shut off may stand low
 _VARIED = 20  # readings that differed from the one before, so that a sensor is known to be alive
 
 
@@ -493,6 +494,9 @@ def _judge_supply(parts: DetectorParts, memory: DetectorMemory, reading: Any, st
     A sag is the milder name, and taken while both explain it; afterwards the name follows the evidence.
     """
     own, supply = memory.own[0], memory.supply[0]
+    if reading.main_supply_shut:
+        own.supply_low, supply.begun = -_REFILLS, False
+        return
     if supply.begun:
         observe_supply(supply, parts.gas, reading.supply_Pa, parts.supply_noise_Pa, own.supply_drawn_kg_s, step_s)
     if reading.supply_Pa > parts.gas.regulated_Pa - parts.supply_low_Pa:

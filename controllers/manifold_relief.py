@@ -6,9 +6,14 @@ spread over the four chambers is below 100 kPa. So once a chamber is seen to be 
 others take gas from the manifold and vent it, in turns, until the chamber is empty.
 
 A chamber is fed that has risen by `FED_Pa` over its lowest reading since its valve was shut, as far as it obeyed,
-whether that was in the safe state or before. It is relieved in the safe state only, where nothing else is wanted of
-the chambers. While setpoints are obeyed whoever names faults has time for it, and a reading that rises against its
-command may be another chamber's: opened to the manifold by such readings, that one is brought over its limit.
+whether that was in the safe state or before. It is relieved in the safe state, where nothing else is wanted of the
+chambers.
+
+While setpoints are obeyed whoever names faults has time for it, and a reading that rises against its command may be
+another chamber's, which would be brought over its limit if it were opened to the manifold for long. But where a chamber
+rises so fast that its name might come too late, it is relieved beforehand, for the `BEFOREHAND` cycles that naming and
+stopping take. If nobody has stopped the robot by then its setpoints are obeyed again, and that sensor is not believed
+so soon a second time before the board has been at rest.
 
 A board that has lost its current cannot do this; its valves fall into the safe state, and the manifold's gas stays.
 """
@@ -21,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softbot.faults import CHAMBER_COUNT
-from softbot.kernel_compiler import kernel
+from softbot.kernel_compiler import kernel, part
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +35,11 @@ FED_Pa = 4e3
 LEFT, SHUT = 0.4, 0.1
 """Share of a valve's opening that is left a period after another was commanded, and the opening below which it is taken
 for shut: while it is not, what its chamber does tells nothing."""
+FAST_Pa, AHEAD = 2e3, 7
+"""Rise in a cycle, twice in a row, with which a chamber that would be at its limit within so many more is fast."""
+BEFOREHAND = 5
+"""Cycles for which a fast chamber is relieved before anybody has named what it has: at the second reading it is seen,
+at the fourth it is named, and a bus takes a cycle or two."""
 RELIEVED = 0.1
 """Share of the chambers' pressure limit below which a chamber need not be relieved (any more)."""
 TAKES_TO, SUPPLY_SHARE, VENTS_TO = 0.6, 0.7, 0.5
@@ -46,19 +56,39 @@ RELIEF = np.dtype(
         ("fed", np.int64, CHAMBER_COUNT),
         ("takes", np.int64, CHAMBER_COUNT),
         ("turn", np.int64, CHAMBER_COUNT),
+        ("last_Pa", np.float64, CHAMBER_COUNT),
+        ("rise_Pa", np.float64, CHAMBER_COUNT),
+        ("beforehand", np.int64, CHAMBER_COUNT),
     ],
     align=True,
 )
 """What a board remembers for it, as a record: the lowest reading since each valve was shut; how far it is open if it
 obeys, and whether it was open at any time since the last reading (1); which chambers are fed (1), and of the others
-which take gas or wait for room (1), and for how many cycles they have taken it, or vented."""
+which take gas or wait for room (1), and for how many cycles they have taken it, or vented; the last reading, what it
+had risen by while its valve was shut, and for how many cycles (0 none yet, −1 no more) a chamber is still relieved
+beforehand."""
 
 
 def relief_memory() -> Any:
     """Memory of a board that has read nothing, shape (1,) of RELIEF."""
     memory = np.zeros(1, RELIEF).view(np.recarray)
-    memory[0]["lowest_Pa"] = np.nan
+    memory[0]["lowest_Pa"] = memory[0]["last_Pa"] = np.nan
     return memory
+
+
+@part()
+def _fed_beforehand(own: Any, i: int, shown: float, limit_Pa: float) -> bool:
+    """Whether chamber i is taken for fed while setpoints are obeyed."""
+    rise_Pa = shown - own.last_Pa[i] if own.fills[i] == 0 else 0.0
+    fast = min(rise_Pa, own.rise_Pa[i]) > FAST_Pa  # False where either is NaN
+    if own.beforehand[i] > 0:
+        own.beforehand[i] -= 1
+        if own.beforehand[i] == 0:
+            own.beforehand[i] = -1
+    elif fast and own.beforehand[i] == 0 and shown + AHEAD * 0.5 * (rise_Pa + own.rise_Pa[i]) > limit_Pa:
+        own.beforehand[i] = BEFOREHAND
+    own.rise_Pa[i] = rise_Pa
+    return bool(own.beforehand[i] > 0)
 
 
 @kernel()
@@ -76,10 +106,15 @@ def relieve_manifold(
         shown = measured_Pa[i]
         if own.fills[i] > 0 or not shown >= own.lowest_Pa[i]:
             own.lowest_Pa[i] = shown
-        if not (rests and shown > RELIEVED * limit_Pa):  # where it is NaN too
+        if not rests:
+            own.fed[i] = 1 if _fed_beforehand(own, i, shown, limit_Pa) else 0
+        elif not shown > RELIEVED * limit_Pa:  # where it is NaN too
             own.fed[i] = 0
         elif shown - own.lowest_Pa[i] > FED_Pa:
             own.fed[i] = 1
+        own.last_Pa[i] = shown
+        if rests:
+            own.rise_Pa[i], own.beforehand[i] = 0.0, 0
         any_fed = any_fed or own.fed[i] > 0
     ceiling_Pa = min(TAKES_TO * limit_Pa, SUPPLY_SHARE * supply_Pa)
     for i in range(CHAMBER_COUNT):

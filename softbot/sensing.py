@@ -47,6 +47,7 @@ READINGS = np.dtype(
         ("gyro_rad_s", np.float64, 3),
         ("accelerometer_m_s2", np.float64, 3),
         ("opening", np.float64, 4),
+        ("main_supply_shut", np.bool_),
     ],
     align=True,
 )
@@ -68,6 +69,8 @@ class Readings:
     """Specific force in the axes e1, e2, t, shape (3,)."""
     opening: FloatArray
     """Valve openings that the board commanded over the period before, shape (4,), −1 exhaust … +1 supply."""
+    main_supply_shut: bool = False
+    """Whether the board had shut the main supply over the period before, as far as it told."""
 
     @classmethod
     def of(cls, record: Any) -> Readings:
@@ -79,6 +82,7 @@ class Readings:
             record["gyro_rad_s"].copy(),
             record["accelerometer_m_s2"].copy(),
             record["opening"].copy(),
+            bool(record["main_supply_shut"]),
         )
 
     def write(self, record: Any) -> None:
@@ -89,3 +93,4 @@ class Readings:
         record["gyro_rad_s"] = self.gyro_rad_s
         record["accelerometer_m_s2"] = self.accelerometer_m_s2
         record["opening"] = self.opening
+        record["main_supply_shut"] = self.main_supply_shut

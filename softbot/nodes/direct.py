@@ -71,6 +71,8 @@ class Valves(NamedTuple):
     """Commanded from this cycle on."""
     acted: FloatArray
     """Commanded until this cycle."""
+    main_supply_shut: NDArray[np.bool_]
+    """Shape (1,), until this cycle."""
     relief: Any
     """Memory of `controllers.manifold_relief`."""
 
@@ -193,10 +195,11 @@ def cycles(
                 valves.reference_Pa[i] = valves.model_Pa[i] = seen.pressure_Pa[i]
                 valves.integral_Pa_s[i] = 0.0
                 valves.opening[i] = -1.0
-        relieve_manifold(
+        relieves = relieve_manifold(
             valves.relief, seen.pressure_Pa, seen.supply_Pa, rules.over_pressure_Pa, not obeys, valves.opening
         )
-        tell_readings(rules, seen, valves.acted, heard_reading[0])
+        tell_readings(rules, seen, valves.acted, valves.main_supply_shut[0], heard_reading[0])
+        valves.main_supply_shut[0] = relieves or not obeys
         heard_reading[0].t_s = t_s
         own.armed = hear_board(rules, bus, cycle)
         sequencer_cycle(sequencer, memory, heard_reading, t_s)
@@ -212,7 +215,7 @@ def cycles(
             hold,
             no_rows,
             valves.opening,
-            obeys,
+            not valves.main_supply_shut[0],
             cycle * steps,
             steps,
         )
@@ -300,7 +303,8 @@ class DirectRun:
         self._bus = bus_memory()
         reference, model, integral, opening, acted = (np.zeros(CHAMBER_COUNT) for _ in range(5))
         packed = pack_pressure_loop(self.gains or gains, known.pneumatics, volumes)
-        self._valves = Valves(packed, reference, model, integral, opening, acted, relief_memory())
+        shut = np.ones(1, dtype=np.bool_)
+        self._valves = Valves(packed, reference, model, integral, opening, acted, shut, relief_memory())
         self.heard = Heard(np.zeros((_MOST_EVENTS, 4)), np.zeros((_MOST_EVENTS, 4)), np.zeros(2, dtype=np.int64))
         self._readings = np.zeros(1, READINGS).view(np.recarray), np.zeros(1, READINGS).view(np.recarray)
         self._steps = steps_per_period(twin.step_s)

@@ -131,8 +131,9 @@ def told_Pa(pressure_Pa: float, rounding: tuple[float, float, float, float]) -> 
 
 
 @part()
-def tell_readings(rules: BusRules, reading: Any, acted_opening: FloatArray, out: Any) -> None:
-    """What the sequencer hears of a reading. acted_opening: told one cycle ago, so that it acted until now."""
+def tell_readings(rules: BusRules, reading: Any, acted_opening: FloatArray, main_supply_shut: bool, out: Any) -> None:
+    """What the sequencer hears of a reading. The valves: as told one cycle ago, so that they acted until now."""
+    out.main_supply_shut = main_supply_shut
     out.t_s = reading.t_s
     out.supply_Pa = told_Pa(reading.supply_Pa, rules.supply)
     for i in range(CHAMBER_COUNT):

@@ -89,8 +89,8 @@ class PlantNode:
             self._valves.rest(readings.pressure_Pa)
         else:
             self._opening = self._valves.openings(self._command_Pa, readings)
-        self._opening = self._valves.relieved(self._opening, decision.safe, readings)
-        self._main_supply_open = decision.main_supply_open
+        self._opening, relieves = self._valves.relieved(self._opening, decision.safe, readings)
+        self._main_supply_open = decision.main_supply_open and not relieves
         self._recorder.stop_clock()
         return self.rules.outgoing(t_s) + self.rules.measurements(
             t_s,

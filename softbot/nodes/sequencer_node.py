@@ -95,6 +95,7 @@ class SequencerNode:
         self._next_try_s = -math.inf
         self._clock = _BoardClock()
         self._opening: NDArray[np.float64] | None = None
+        self._main_supply_shut = True
 
     @property
     def state(self) -> SequencerState:
@@ -182,6 +183,7 @@ class SequencerNode:
             return None
         commanded = np.array(new.openings)  # from this sampling on; what acted until it was told before
         acted, self._opening = commanded if self._opening is None else self._opening, commanded
+        shut, self._main_supply_shut = self._main_supply_shut, not new.main_supply_open
         return Readings(
             t_s=self._clock.here_s(new.sample_time_s, t_s),
             pressure_Pa=np.array(new.pressures_Pa),
@@ -189,6 +191,7 @@ class SequencerNode:
             gyro_rad_s=np.array(new.angular_velocity_rad_s),
             accelerometer_m_s2=np.array(new.specific_force_m_s2),
             opening=acted,
+            main_supply_shut=shut,
         )
 
 

@@ -35,7 +35,7 @@ from firmware_protocol.spec import BOARD, spec
 from firmware_protocol.trace import read_trace
 from sim.scene import scene_from
 from softbot.errors import SimulationError
-from softbot.faults import CHAMBER_COUNT, KIND_CODES, KINDS, NO_CHAMBER, FaultKind
+from softbot.faults import CHAMBER_COUNT, KINDS, NO_CHAMBER
 from softbot.nodes.chamber_health import Health, Learnt, Session, carry_into
 from softbot.nodes.heard import Heard
 from softbot.nodes.sequencer_node import LAST_MEASUREMENT, SequencerNode
@@ -43,7 +43,6 @@ from softbot.robot import Robot
 from softbot.sensing import Readings
 
 TURN_RAD = 2.0 * math.pi
-_OF_THE_SUPPLY = (FaultKind.SUPPLY_SAG, FaultKind.SUPPLY_LOSS)
 _ROLLS = (SequencerState.ROLLING, SequencerState.STALLED)
 _CALENDAR_FROM_S = 1e9  # stamps beyond are seconds since 1970, as candump writes them
 Seen = tuple[float, list[Frame]]
@@ -161,19 +160,9 @@ class Shadow:
         self._begin()
         if self._sequencer.state is SequencerState.SAFE:  # it goes on watching what no robot should go on with
             self._sequencer.order(Order(Command.STOP), self.t_s)
-        found = [one for one in self._node.detections[known:] if not self._shut(one)]
+        found = self._node.detections[known:]
         self.detections += found
         return found
-
-    def _shut(self, found: Detection) -> bool:
-        """Whether a verdict is on a supply that the board has shut; it is taken back then."""
-        if found.kind not in _OF_THE_SUPPLY or self._node.link.readings.main_supply_open:
-            return False
-        own = self._sequencer.memory.detector.own[0]
-        for kind in _OF_THE_SUPPLY:
-            own["named_shared"][KIND_CODES[kind]] = 0
-        own["supply_low"] = 0
-        return True
 
     def _begin(self) -> None:
         """At the first sampling: take over what is known of the chambers, and count the roll from here."""

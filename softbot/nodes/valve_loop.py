@@ -41,14 +41,16 @@ class ValveLoop:
         """Valve openings (4,), −1 … +1, for setpoints (4,) [Pa gauge]. One call a control period."""
         return self._loop.step(setpoint_Pa, readings.pressure_Pa, readings.supply_Pa)
 
-    def relieved(self, opening: FloatArray, rests: bool, readings: Readings) -> FloatArray:
-        """The openings (4,), changed where a chamber fills in the safe state (`rests`): `controllers.manifold_relief`.
+    def relieved(self, opening: FloatArray, rests: bool, readings: Readings) -> tuple[FloatArray, bool]:
+        """The openings (4,), changed where a chamber fills against its command, and whether one does.
 
-        One call a control period.
+        `controllers.manifold_relief`; rests: the board is in its safe state. One call a control period.
         """
         opening = opening.copy()
-        relieve_manifold(self._relief, readings.pressure_Pa, readings.supply_Pa, self._limit_Pa, rests, opening)
-        return opening
+        relieves = relieve_manifold(
+            self._relief, readings.pressure_Pa, readings.supply_Pa, self._limit_Pa, rests, opening
+        )
+        return opening, bool(relieves)
 
     def rest(self, measured_Pa: FloatArray) -> None:
         """Forget the past: the valves were not the loop's, and the pressures (4,) are what they are now."""

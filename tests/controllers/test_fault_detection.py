@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,25 @@ def readings(t_s, pressure_Pa, opening=0.0) -> Readings:
     return Readings(
         t_s, np.full(4, float(pressure_Pa)), 250e3, np.zeros(3), np.array([0.0, 9.81, 0.0]), np.full(4, float(opening))
     )
+
+
+def test_a_supply_that_the_board_has_shut_is_not_lost_and_may_fill_again_but_one_that_stays_low_is_named():
+    detector = FaultDetector(PneumaticsParameters(), SensorParameters())
+    volume = np.full(4, 50e-6)
+
+    def found(first: int, count: int, supply_Pa: float, is_shut: bool = False) -> list[str]:
+        kinds = []
+        for cycle in range(first, first + count):
+            reading = replace(readings(0.01 * cycle, 0.0), supply_Pa=supply_Pa, main_supply_shut=is_shut)
+            kinds += [one.kind for one in detector.update(reading, volume)]
+        return kinds
+
+    assert found(0, 100, 250e3) == []
+    assert found(100, 100, 100e3, is_shut=True) == []
+    assert found(200, 15, 160e3) == []
+    assert found(215, 50, 250e3) == []
+    assert found(265, 4, 200e3, is_shut=True) == []
+    assert found(269, 50, 160e3) == ["supply_sag"]
 
 
 def test_a_gap_in_the_readings_restarts_the_models_without_a_verdict():

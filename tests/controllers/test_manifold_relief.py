@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.manifold_relief import LONGEST_TAKING, relief_memory, relieve_manifold
+from controllers.manifold_relief import BEFOREHAND, LONGEST_TAKING, relief_memory, relieve_manifold
 
 LIMIT_Pa = 150e3
 SHUT = np.full(4, -1.0)
@@ -65,13 +65,44 @@ def test_a_valve_that_was_hardly_open_shuts_sooner_than_one_that_was_told_to_sta
     assert fed == [[False, False, True, True, True, True], [False, False, False, False, True, True]]
 
 
-def test_while_setpoints_are_obeyed_nothing_is_changed_and_in_the_safe_state_it_is_known_at_once():
+def test_a_chamber_that_rises_slowly_or_is_far_from_its_limit_is_left_alone_while_setpoints_are_obeyed():
+    for first_Pa, step_Pa in ((60e3, 1.5e3), (10e3, 5e3)):
+        memory = relief_memory()
+        for pressure in rising(17, first_Pa=first_Pa, step_Pa=step_Pa):
+            acts, valves = relieve(memory, pressure, rests=False)
+            assert not acts
+            np.testing.assert_array_equal(valves, SHUT)
+        assert relieve(memory, [2e3, 2e3, 160e3, 2e3])[0]  # in the safe state it is known at once
+
+
+def obeyed(memory, pressures):
+    return [relieve(memory, pressure, rests=False)[0] for pressure in pressures]
+
+
+def test_one_that_would_soon_be_at_its_limit_is_relieved_beforehand_for_the_cycles_that_a_name_takes():
     memory = relief_memory()
-    for pressure in rising(20, step_Pa=5e3):
-        acts, valves = relieve(memory, pressure, rests=False)
+    (*_, pressure) = rising(3, first_Pa=110e3)
+    assert obeyed(memory, rising(8, first_Pa=110e3)) == [False, False, *(BEFOREHAND * [True]), False]
+    memory = relief_memory()
+    obeyed(memory, rising(2, first_Pa=110e3))
+    np.testing.assert_array_equal(relieve(memory, pressure, rests=False)[1], [1.0, 1.0, -1.0, 1.0])
+
+
+def test_who_was_relieved_beforehand_for_nothing_is_believed_again_after_a_rest():
+    memory = relief_memory()
+    obeyed(memory, rising(8, first_Pa=110e3))
+    assert not any(obeyed(memory, rising(8, first_Pa=110e3)))
+    relieve(memory, np.full(4, 2e3))
+    assert any(obeyed(memory, rising(8, first_Pa=110e3)))
+
+
+def test_a_chamber_that_was_told_to_fill_may_come_near_its_limit_as_fast_as_it_likes():
+    memory = relief_memory()
+    filling = np.array([-1.0, -1.0, 1.0, -1.0])
+    for pressure in rising(8, first_Pa=110e3):
+        acts, valves = relieve(memory, pressure, rests=False, opening=filling)
         assert not acts
-        np.testing.assert_array_equal(valves, SHUT)
-    assert relieve(memory, [2e3, 2e3, 160e3, 2e3])[0]
+        np.testing.assert_array_equal(valves, filling)
 
 
 def test_the_others_take_turns_and_never_take_more_than_they_have_room_for():

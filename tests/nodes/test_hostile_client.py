@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from controllers.manifold_relief import BEFOREHAND
 from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol.e2e import Sender
 from firmware_protocol.enumerations import AbortCode, BoardMode, ControlMode, Parameter, SafeReason
@@ -159,3 +160,22 @@ def test_a_supply_valve_that_sticks_open_is_relieved_through_the_other_chambers(
     assert attack.highest_Pa < limit_Pa
     assert SafeReason.OVER_PRESSURE not in [each.reason for each in attack.node.rules.transitions]
     assert attack.node.plant.pressure_Pa.max() < 0.15 * limit_Pa
+
+
+def test_where_nobody_disarms_the_main_supply_is_shut_beforehand_for_a_moment_only(
+    make_scene: MakeScene, gains: PressureLoopGains
+) -> None:
+    """What a valve stuck open makes of its chamber within the time that naming it takes."""
+    attack = Attack(make_scene(f"fault={STUCK}"), gains)
+    attack.run(0.9, lambda t_s, chamber: 90e3 if chamber == 1 else 0.0)
+    told, mode = [], []
+    for _ in range(16):
+        attack.run(CONTROL_PERIOD_S, lambda t_s, chamber: 90e3 if chamber == 1 else 0.0)
+        told.append(attack.link.readings.main_supply_open)
+        mode.append(attack.node.rules.state.mode)
+    attack.twin.close()
+    assert mode == 16 * [BoardMode.ARMED]
+    assert told.count(False) == BEFOREHAND
+    first = told.index(False)
+    assert told[first : first + BEFOREHAND] == BEFOREHAND * [False]
+    assert first > 0
