@@ -50,6 +50,7 @@ from controllers.sequencer_parts import (
     SequencerParts,
     sequencer_memory,
 )
+from controllers.speed_regulation import regulated_lead_rad, regulated_push
 from softbot.cross_section import CHAMBERS
 from softbot.kernel_compiler import kernel, part
 from softbot.sensing import READINGS, Readings
@@ -86,29 +87,6 @@ _TURNS = {Command.LEFT: 1, Command.RIGHT: -1, Command.STOP: 0}
 _PROBE_Pa = 6e3
 
 
-LAG_S = 0.12
-"""By about this the curvature follows its command late, so a steady roll at ω needs a lead of ω·LAG_S …"""
-PROPORTIONAL_S = 0.05
-INTEGRAL = 0.15
-"""… and what friction asks for."""
-
-
-@kernel()
-def regulated_lead_rad(own: Any, largest_rad: float, measured_rad_s: float, step_s: float) -> float:
-    """The lead for this cycle, 0 … the largest [rad]; speeds are positive in the ordered direction.
-
-    Feed-forward of the pressure lag, and a PI correction. Without a wanted speed the lead is the largest.
-    """
-    wanted = own.speed_rad_s
-    if math.isnan(wanted):
-        return largest_rad
-    error = wanted - measured_rad_s
-    lead = wanted * LAG_S + PROPORTIONAL_S * error + own.lead_integral_rad
-    if 0.0 < lead < largest_rad or (lead <= 0.0) == (error > 0.0):  # no wind-up against a bound
-        own.lead_integral_rad += INTEGRAL * error * step_s
-    return min(max(lead, 0.0), largest_rad)
-
-
 @part()
 def _c_bend_side(estimate: Any) -> int:
     direction = math.atan2(estimate.curvature_1_m[1], estimate.curvature_1_m[0])
@@ -136,7 +114,7 @@ def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
     if state in (_DISARMED, _SAFE, _PRIMING):
         own.rocking, own.farthest_s = False, math.nan
         memory.recovery[0].reversing = False
-        own.lead_integral_rad = 0.0
+        own.lead_integral_rad = own.push_integral = 0.0
 
 
 @part()
@@ -294,10 +272,10 @@ def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, 
 def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
     own = memory.own[0]
     _watch_stall(parts, memory, estimate, t_s, step_s)
-    lead = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
     if parts.recovers and _weakened(own):
-        _roll_on(parts, memory, estimate, lead, t_s)
+        _roll_on(parts, memory, estimate, t_s, step_s)
     else:
+        lead = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
         _bend_towards(parts, own, estimate, commanded_direction_rad(own.side, own.turn * lead, estimate.roll_rad), 1.0)
     for i in range(CHAMBERS):
         unclear = memory.detector.own[0].alarm[i] >= 0 or memory.detector.follower[i].busy
@@ -336,19 +314,25 @@ def _rocks(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
 
 
 @part()
-def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead_rad: float, t_s: float) -> None:
+def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: float, step_s: float) -> None:
     """Roll as recovery plans it: degraded, and reversing for as long as the C flips."""
     own, plan, wanted = memory.own[0], memory.recovery[0], parts.model.curvature_1_m
     forward = own.turn
     use_of(parts.tuning, own.strength, estimate.spin_rad_s * parts.model.lag_s, own.used)
     beside_held(own.held, own.used)
+    push = 1.0
     if needs_momentum(parts.tuning, own.used):
         if _makes_no_way(parts, own, estimate, t_s):
             _stop_safely(memory, BOTH_WAYS, 0, t_s)
             return
-        lead_rad = max(lead_rad, parts.tuning.lead_with_momentum_rad)
+        lead_rad = max(parts.lead_rad, parts.tuning.lead_with_momentum_rad)
+        push = regulated_push(own, -own.turn * estimate.spin_rad_s, step_s)
         if _rocks(parts, memory, estimate, t_s):
-            forward = -own.turn
+            forward, push = -own.turn, 1.0
+        elif push < 0.0:
+            forward, push = -own.turn, -push
+    else:
+        lead_rad = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
     own.side = plan_roll(
         parts.tuning,
         plan,
@@ -369,7 +353,7 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, lead
         own.state = _REVERSING if plan.reversing else _DEGRADED
     if own.rocking and plan.share <= 0.0:
         arch(plan, own.used)
-    _bend_towards(parts, own, estimate, plan.direction_rad, plan.share)
+    _bend_towards(parts, own, estimate, plan.direction_rad, math.sqrt(push) * plan.share)  # the moment has its square
 
 
 @part()
@@ -476,7 +460,7 @@ def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
     own["speed_rad_s"] = math.nan if order.speed_rev_s is None else 2.0 * math.pi * order.speed_rev_s
     own["distance_m"] = math.nan if order.distance_m is None else order.distance_m
     own["roll_at_order_rad"] = math.nan
-    own["lead_integral_rad"] = 0.0
+    own["lead_integral_rad"] = own["push_integral"] = 0.0
     own["farthest_s"], own["rocking"] = math.nan, False
     own["turn_back"], own["turning"] = order.turn_back, False
     if order.command is Command.STOP and own["state"] == _SAFE:

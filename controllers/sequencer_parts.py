@@ -57,6 +57,7 @@ SEQUENCER = np.dtype(
         ("mean_rate_rad_s", np.float64),
         ("last_t_s", np.float64),
         ("lead_integral_rad", np.float64),
+        ("push_integral", np.float64),
         ("rocking", np.bool_),
         ("rocked_s", np.float64),
         ("rocked_rad", np.float64),

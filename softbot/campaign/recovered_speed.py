@@ -37,6 +37,7 @@ VALVES = (2.4, 1.0, 0.7, 0.5, 0.4)
 LEADS_RAD = (0.5, 0.8, 1.57)
 STRUCK_S, SETTLED_S, END_S = 4.0, 7.0, 20.0
 STEADY_S, LONG_S = 10.0, 40.0
+ORDERED_REV_S = (0.2, 0.4, 0.6, 0.8)
 ONSETS, ONSET_S = 4, 0.13
 """Onsets of what is compared with its standard error, and the time between them."""
 PAIRS = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))
@@ -68,13 +69,14 @@ def rolled(
     faults: Iterable[Fault] = (),
     *,
     command: str = "left",
+    speed_rev_s: float | None = None,
     seed: int = 0,
     settled_s: float = SETTLED_S,
     end_s: float = END_S,
 ) -> Rolled:
-    """Roll the shipped robot with valves so many times as large, at full effort. Raises SimulationError.
+    """Roll the shipped robot with valves so many times as large. Raises SimulationError.
 
-    settled_s: from when its speed counts; end_s: how long it rolls.
+    speed_rev_s: ordered; None: full effort. settled_s: from when its speed counts; end_s: how long it rolls.
     """
     gas = load_robot("default").pneumatics
     conductances = {
@@ -85,7 +87,7 @@ def rolled(
     tables: dict[str, Any] = {
         "robot": "default",
         "drive": {"kind": "sequencer"},
-        "sequencer": {"command": command, "lead_rad": lead_rad},
+        "sequencer": {"command": command, "lead_rad": lead_rad, "speed_rev_s": speed_rev_s},
         "fault": [
             {"t_s": one.t_s, "kind": str(one.kind), "chamber": one.chamber, "severity": one.severity} for one in faults
         ],
@@ -151,6 +153,26 @@ def weak_over_dead(valves: float, lead_rad: float) -> list[tuple[float, float]]:
     return compared
 
 
+def _held(pair: tuple[int, int], speed_rev_s: float) -> str:
+    """Least and most of the speeds over the onsets with this pair dead, of the runs that were not stopped, in words."""
+    runs = [
+        rolled(
+            1.0,
+            0.8,
+            struck(pair, later_s=ONSET_S * onset),
+            speed_rev_s=speed_rev_s,
+            seed=onset,
+            settled_s=STEADY_S,
+            end_s=LONG_S,
+        )
+        for onset in range(ONSETS)
+    ]
+    rates = [one.rate_rev_s for one in runs if not one.ended_safe]
+    stopped = len(runs) - len(rates)
+    held = f"{min(rates):.2f} … {max(rates):.2f}" if rates else ""
+    return held + (f" ({stopped} of {len(runs)} stopped safely)" if stopped else "")
+
+
 def tables() -> str:
     """One dead, one weak and two dead chambers as Markdown tables."""
     sound = {(valves, lead): rolled(valves, lead) for valves in VALVES for lead in LEADS_RAD}
@@ -180,6 +202,10 @@ def tables() -> str:
         runs = [rolled(valves, 0.8, struck(pair)) for valves in VALVES]
         cells = ["stopped safely" if one.ended_safe else f"{one.rate_rev_s:.2f} rev/s" for one in runs]
         lines.append(f"| {pair[0]} and {pair[1]} | " + " | ".join(cells) + " |")
+    lines += ["", "| two dead | " + " | ".join(f"ordered {speed:g} rev/s" for speed in ORDERED_REV_S) + " |"]
+    lines.append("|---" * (1 + len(ORDERED_REV_S)) + "|")
+    for pair in PAIRS:
+        lines.append(f"| {pair[0]} and {pair[1]} | " + " | ".join(_held(pair, speed) for speed in ORDERED_REV_S) + " |")
     return "\n".join(lines)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.interface import Command, Offer, Order, SequencerState
-from controllers.sequencer import Sequencer, regulated_lead_rad
-from controllers.sequencer_parts import SequencerConfig, sequencer_memory
+from controllers.sequencer import Sequencer
+from controllers.sequencer_parts import SequencerConfig
 from softbot.faults import Fault
 from softbot.sensing import Readings
 
@@ -151,19 +151,3 @@ def test_a_bend_that_is_ordered_is_the_bend_that_is_commanded(robot):
         output = sequencer.update(cycle * 0.01, resting(cycle * 0.01))
     bent = robot.actuator_law().equilibrium(output.setpoint_Pa)
     assert float(np.hypot(*bent.curvature_1_m)) * robot.length_m == pytest.approx(0.3, rel=0.02)
-
-
-def test_the_speed_regulator_stays_within_the_lead_and_does_not_wind_up():
-    own = sequencer_memory().own[0]
-
-    def lead_rad(wanted_rad_s: float, measured_rad_s: float) -> float:
-        own["speed_rad_s"] = wanted_rad_s
-        return regulated_lead_rad(own, 0.8, measured_rad_s, 0.01)
-
-    assert lead_rad(math.nan, 0.0) == 0.8
-    for _ in range(1000):
-        assert lead_rad(30.0, 0.0) == 0.8  # out of reach
-    assert lead_rad(1.0, 2.0) < 0.3  # and at once free again
-    own["lead_integral_rad"] = 0.0
-    leads = [lead_rad(1.0, 0.9) for _ in range(500)]
-    assert leads[-1] > leads[0]

@@ -108,6 +108,14 @@ def test_momentum_carries_a_rolling_robot_over_what_two_dead_chambers_leave_out(
     assert run.trace[:, _PRESSURES].max() <= run.limit_Pa
 
 
+@pytest.mark.parametrize("speed_rev_s", [0.3, 0.8])
+@pytest.mark.parametrize("pair", [(0, 1), (1, 2), (0, 2)])
+def test_an_ordered_speed_is_honoured_with_two_dead_chambers_as_well(gains, pair, speed_rev_s):
+    run = Run(gains, pair, lead_rad=0.8, speed_rev_s=speed_rev_s)
+    assert run.state is not SequencerState.SAFE
+    assert run.rate_rev_s == pytest.approx(speed_rev_s, rel=0.15)
+
+
 def test_without_any_chamber_it_stops_and_says_so(gains):
     run = Run(gains, (0, 1, 2, 3))
     assert run.state is SequencerState.SAFE
