@@ -285,11 +285,15 @@ def _roll(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: fl
 
 @part()
 def _makes_no_way(parts: SequencerParts, own: Any, estimate: Any, t_s: float) -> bool:
-    """Whether a robot that lives on its momentum has not got a quarter of a turn further for long."""
+    """Whether a robot that lives on its momentum has not got a quarter of a turn further for long.
+
+    It may have been rolled back as far as a turn, and gains that at the ordered speed.
+    """
     rolled_rad = -own.turn * estimate.roll_rad
     if math.isnan(own.farthest_s) or rolled_rad > own.farthest_rad + _PROGRESS_RAD:
         own.farthest_rad, own.farthest_s = rolled_rad, t_s
-    return t_s - own.farthest_s > parts.tuning.gives_up * parts.model.lag_s
+    regains_s = 2.0 * math.pi / own.speed_rad_s if own.speed_rad_s > 0.0 else 0.0
+    return t_s - own.farthest_s > parts.tuning.gives_up * parts.model.lag_s + regains_s
 
 
 @part()

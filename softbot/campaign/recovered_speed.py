@@ -4,8 +4,8 @@
 
 The shipped robot at full effort; its valves and the board's limit on the set-points' motion are scaled, so that the
 chambers follow faster or slower. What is damaged is a chamber ruptured, or ballooning (a weak chamber), or two ruptured
-in the same moment; detection is the sequencer's own. Pressure sensors are told to be noisier than the shipped ones:
-with the fastest valves the detector otherwise takes a chamber's own motion for noise.
+in the same moment; detection is the sequencer's own. Where valves are scaled, pressure sensors are told to be noisier
+than the shipped ones: with the fastest valves the detector otherwise takes a chamber's own motion for noise.
 
 A weak chamber is compared with the same one dead in longer runs, once both have come to their speed, and over several
 onsets, each with a seed of its own: which revolution a fault meets decides how it is named, and so how the robot rolls.
@@ -34,10 +34,11 @@ FloatArray = NDArray[np.float64]
 
 VALVES = (2.4, 1.0, 0.7, 0.5, 0.4)
 """Conductance over the shipped robot's."""
+NOISE_Pa = 1500.0
 LEADS_RAD = (0.5, 0.8, 1.57)
 STRUCK_S, SETTLED_S, END_S = 4.0, 7.0, 20.0
 STEADY_S, LONG_S = 10.0, 40.0
-ORDERED_REV_S = (0.2, 0.4, 0.6, 0.8)
+ORDERED_REV_S = (0.1, 0.2, 0.4, 0.8)
 ONSETS, ONSET_S = 4, 0.13
 """Onsets of what is compared with its standard error, and the time between them."""
 PAIRS = ((0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3))
@@ -70,6 +71,7 @@ def rolled(
     *,
     command: str = "left",
     speed_rev_s: float | None = None,
+    pressure_noise_Pa: float = NOISE_Pa,
     seed: int = 0,
     settled_s: float = SETTLED_S,
     end_s: float = END_S,
@@ -94,7 +96,9 @@ def rolled(
         "solver": {"twin": "rod", "accuracy": "fast", "duration_s": end_s, "seed": seed},
     }
     scaled = [f"robot.pneumatics.{key}={value}" for key, value in conductances.items()]
-    scene = scene_from(tables, "recovered_speed", Path(), (*scaled, "robot.sensors.pressure_noise_Pa=1500.0"))
+    scene = scene_from(
+        tables, "recovered_speed", Path(), (*scaled, f"robot.sensors.pressure_noise_Pa={pressure_noise_Pa}")
+    )
     gains = designed_gains(scene.robot)
     gains = replace(gains, setpoint_rate_Pa_s=valves * gains.setpoint_rate_Pa_s)
     trace = DirectRun(scene, gains=gains).advance(round(end_s / _CYCLE_S)).trace
@@ -161,6 +165,7 @@ def _held(pair: tuple[int, int], speed_rev_s: float) -> str:
             0.8,
             struck(pair, later_s=ONSET_S * onset),
             speed_rev_s=speed_rev_s,
+            pressure_noise_Pa=load_robot("default").sensors.pressure_noise_Pa,
             seed=onset,
             settled_s=STEADY_S,
             end_s=LONG_S,
