@@ -88,13 +88,13 @@ def test_a_valve_stuck_open_ends_in_the_safe_state_until_a_stop_is_ordered(close
 
 
 def test_two_dead_chambers_stop_it_safely(closed_loop):
-    run = closed_loop(12.0, faults=(Fault(4.0, 0, "rupture"), Fault(4.0, 1, "rupture")))
+    run = closed_loop(15.0, faults=(Fault(4.0, 0, "rupture"), Fault(4.0, 1, "rupture")))
     assert run.states[-1] is S.SAFE
     assert run.recoveries[-1].strategy == "safe_stop"
 
 
 def test_a_stop_for_want_of_chambers_offers_what_they_still_push_it(closed_loop):
-    run = closed_loop(12.0, faults=(Fault(4.0, 0, "rupture"), Fault(4.0, 1, "rupture")))
+    run = closed_loop(15.0, faults=(Fault(4.0, 0, "rupture"), Fault(4.0, 1, "rupture")))
     offer = run.recoveries[-1].offer
     assert 0.2 < offer.left_rad + offer.right_rad < 1.6 * math.pi
     assert all(answer.offer is None for answer in run.recoveries if answer.strategy != "safe_stop")
@@ -112,7 +112,7 @@ def test_what_forbids_any_motion_leaves_nothing_and_is_not_turned_from(closed_lo
 
 def test_a_robot_told_to_turn_back_does_so_once_and_can_then_still_be_stopped(closed_loop):
     orders = ((0.0, Order(Command.LEFT, 0.5, turn_back=True)),)
-    run = closed_loop(25.0, faults=(Fault(4.0, 1, "rupture"), Fault(4.0, 2, "rupture")), orders=orders)
+    run = closed_loop(30.0, faults=(Fault(4.0, 1, "rupture"), Fault(4.0, 2, "rupture")), orders=orders)
     answers = [answer.strategy for answer in run.recoveries if answer.strategy in ("safe_stop", "other_way")]
     assert answers == ["safe_stop", "other_way", "safe_stop"]
     stopped_s, turned_s, _ = (a.t_s for a in run.recoveries if a.strategy in ("safe_stop", "other_way"))
