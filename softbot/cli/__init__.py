@@ -4,6 +4,7 @@
 def main() -> None:
     """The `softbot` command."""
     import gc
+    import sys
 
     from softbot.one_thread import keep_to_one_thread
 
@@ -11,4 +12,8 @@ def main() -> None:
     keep_to_one_thread()
     from softbot.cli.app import app
 
-    app()
+    try:
+        app()
+    except OSError as error:  # help and version are said outside the commands (`softbot.cli.exit_status`)
+        print(f"softbot: {error.strerror or error}", file=sys.stderr)
+        sys.exit(2)

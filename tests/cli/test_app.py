@@ -52,6 +52,15 @@ def test_every_command_explains_itself(softbot: Any, command: str) -> None:
         assert name in result.stdout
 
 
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]])
+def test_what_a_full_disk_does_not_take_is_no_traceback(arguments: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-c", "import softbot.cli; softbot.cli.main()", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=300)
+    assert done.stderr == "softbot: No space left on device\n"
+    assert done.returncode == 2
+
+
 def test_version(softbot: Any) -> None:
     assert softbot("--version").stdout == f"softbot {__version__}\n"
 
