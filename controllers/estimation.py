@@ -33,6 +33,8 @@ CORRECTION_1_S = 1.5
 BIAS_1_S2 = 0.15
 RATE_TIME_S = 0.15
 """Gains of the complementary filter, and of the low-pass of the rate."""
+LONGEST_GAP_S = 0.5
+"""Between readings, over which the rate still says how far the robot has rolled."""
 
 _SETTLED = 1e-4  # of the last Newton step, in strain: the next would be its square
 _NEWTON_STEPS = 12
@@ -91,10 +93,13 @@ def follow_roll(own: Any, reading: Any) -> None:
         step_s = max(reading.t_s - own.last_t_s, 0.0)
         own.step_s = step_s
         rate = spin - own.bias_rad_s
-        own.roll_rad += step_s * rate
-        error = trust * wrapped(up_rad - own.roll_rad)
-        own.roll_rad += step_s * CORRECTION_1_S * error
-        own.bias_rad_s -= step_s * BIAS_1_S2 * error
+        if step_s > LONGEST_GAP_S:  # nobody knows how far it has rolled, if time has passed at all
+            own.roll_rad += trust * wrapped(up_rad - own.roll_rad)
+        else:
+            own.roll_rad += step_s * rate
+            error = trust * wrapped(up_rad - own.roll_rad)
+            own.roll_rad += step_s * CORRECTION_1_S * error
+            own.bias_rad_s -= step_s * BIAS_1_S2 * error
         own.spin_rad_s = rate
         own.roll_rate_rad_s += (rate - own.roll_rate_rad_s) * min(1.0, step_s / RATE_TIME_S)
     own.last_t_s = reading.t_s

@@ -67,6 +67,16 @@ def test_the_bias_of_the_gyro_is_learnt(model):
     assert estimate.roll_rate_rad_s == pytest.approx(0.0, abs=0.005)
 
 
+def test_a_clock_that_jumps_makes_no_revolutions(model):
+    estimator, rate = Estimator(model), 5.0
+    for cycle in range(100):
+        estimator.update(readings(cycle * STEP_S, rate * cycle * STEP_S, rate))
+    for cycle in range(100):
+        estimate = estimator.update(readings(3600.0 + cycle * STEP_S, 6.0 + rate * cycle * STEP_S, rate))
+    assert estimate.roll_rad == pytest.approx(6.0 + 99 * STEP_S * rate, abs=0.1)
+    assert estimate.roll_rate_rad_s == pytest.approx(rate, rel=0.02)
+
+
 def test_a_knock_on_the_accelerometer_does_not_turn_the_estimate(model):
     estimator = Estimator(model)
     estimator.update(readings(0.0, 0.0))
