@@ -90,12 +90,11 @@ class Rows:
                 f"{folder}: another campaign is at work in it; wait for it, or name another --out"
             ) from None
         self.rows: dict[int, dict[str, Any]] = {}
-        good = 0
+        read = good = 0
         for line, row in _read(self._path):
-            if row is None:
-                break
-            self.rows[row["run"]] = row
-            good += len(line)
+            read += len(line)
+            if row is not None:  # a line that was damaged since costs its own run only
+                self.rows[row["run"]], good = row, read
         os.ftruncate(self._file, good)  # what a kill left half-written, and nothing else
 
     def append(self, row: dict[str, Any]) -> None:
