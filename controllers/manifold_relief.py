@@ -20,6 +20,7 @@ A board that has lost its current cannot do this; its valves fall into the safe 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -27,14 +28,15 @@ from numpy.typing import NDArray
 
 from softbot.faults import CHAMBER_COUNT
 from softbot.kernel_compiler import kernel, part
+from softbot.sensing import LEAST_READING_Pa
 
 FloatArray = NDArray[np.float64]
 
 FED_Pa = 4e3
 """Rise over the lowest reading since the valve was shut as far as it obeyed: eight deviations of a reading."""
-LEFT, SHUT = 0.4, 0.1
-"""Share of a valve's opening that is left a period after another was commanded, and the opening below which it is taken
-for shut: while it is not, what its chamber does tells nothing."""
+SLOWER, SHUT = 1.1, 0.1
+"""How much slower than it should a valve may be, and the opening below which it is taken for shut: while it is not,
+what its chamber does tells nothing."""
 FAST_Pa, AHEAD = 2e3, 7
 """Rise in a cycle, twice in a row, with which a chamber that would be at its limit within so many more is fast."""
 BEFOREHAND = 5
@@ -50,6 +52,7 @@ LONGEST_TAKING, SHORTEST_VENTING = 20, 5
 
 RELIEF = np.dtype(
     [
+        ("left", np.float64),
         ("lowest_Pa", np.float64, CHAMBER_COUNT),
         ("opened", np.float64, CHAMBER_COUNT),
         ("fills", np.int64, CHAMBER_COUNT),
@@ -62,16 +65,18 @@ RELIEF = np.dtype(
     ],
     align=True,
 )
-"""What a board remembers for it, as a record: the lowest reading since each valve was shut; how far it is open if it
+"""What a board remembers for it, as a record: the share of a valve's opening that is left a period after another was
+commanded; the lowest reading since each valve was shut; how far it is open if it
 obeys, and whether it was open at any time since the last reading (1); which chambers are fed (1), and of the others
 which take gas or wait for room (1), and for how many cycles they have taken it, or vented; the last reading, what it
 had risen by while its valve was shut, and for how many cycles (0 none yet, −1 no more) a chamber is still relieved
 beforehand."""
 
 
-def relief_memory() -> Any:
-    """Memory of a board that has read nothing, shape (1,) of RELIEF."""
+def relief_memory(valve_lag_s: float, period_s: float) -> Any:
+    """Memory of a board that has read nothing, shape (1,) of RELIEF. period_s: of its cycles."""
     memory = np.zeros(1, RELIEF).view(np.recarray)
+    memory[0]["left"] = math.exp(-period_s / (SLOWER * valve_lag_s)) if valve_lag_s > 0.0 else 0.0
     memory[0]["lowest_Pa"] = memory[0]["last_Pa"] = np.nan
     return memory
 
@@ -80,7 +85,7 @@ def relief_memory() -> Any:
 def _fed_beforehand(own: Any, i: int, shown: float, limit_Pa: float) -> bool:
     """Whether chamber i is taken for fed while setpoints are obeyed."""
     rise_Pa = shown - own.last_Pa[i] if own.fills[i] == 0 else 0.0
-    fast = min(rise_Pa, own.rise_Pa[i]) > FAST_Pa  # False where either is NaN
+    fast = rise_Pa > FAST_Pa and own.rise_Pa[i] > FAST_Pa
     if own.beforehand[i] > 0:
         own.beforehand[i] -= 1
         if own.beforehand[i] == 0:
@@ -121,7 +126,7 @@ def relieve_manifold(
         if not any_fed:
             own.takes[i], own.turn[i] = 1, 0
         elif own.fed[i] == 0:
-            room = measured_Pa[i] < ceiling_Pa  # no room where it is NaN
+            room = LEAST_READING_Pa <= measured_Pa[i] < ceiling_Pa  # no room where a wire is broken, or it is NaN
             if own.takes[i] > 0 and (own.turn[i] >= LONGEST_TAKING or (own.turn[i] > 0 and not room)):
                 own.takes[i], own.turn[i] = 0, 0
             elif own.takes[i] == 0 and own.turn[i] >= SHORTEST_VENTING and measured_Pa[i] < VENTS_TO * ceiling_Pa:
@@ -130,6 +135,6 @@ def relieve_manifold(
                 own.turn[i] += 1
             opening[i] = 1.0 if own.takes[i] > 0 and room else -1.0
         before = own.opened[i]
-        own.opened[i] = LEFT * before + (1.0 - LEFT) * opening[i]
+        own.opened[i] = own.left * before + (1.0 - own.left) * opening[i]
         own.fills[i] = 1 if max(before, own.opened[i]) > SHUT else 0
     return any_fed

@@ -79,6 +79,7 @@ class RecoveryTuning(NamedTuple):
 
 RECOVERY = np.dtype(
     [
+        ("forward", np.int64),
         ("reversing", np.bool_),
         ("began_s", np.float64),
         ("began_rad", np.float64),
@@ -90,9 +91,9 @@ RECOVERY = np.dtype(
     ],
     align=True,
 )
-"""A plan, as a record: body direction and share of the curvature to command; the moment that it gives, over EI L κ²;
-whether the C is being reversed, since when and which roll, and along which body direction. `doubt`, 0 … 1: that
-momentum carries this robot over what pushes it back, learnt from reversals that rolled back."""
+"""A plan, as a record: the way it was made for; body direction and share of the curvature to command; the moment that
+it gives, over EI L κ²; whether the C is being reversed, since when and which roll, and along which body direction.
+`doubt`, 0 … 1: that momentum carries this robot over what pushes it back, learnt from reversals that rolled back."""
 
 
 @kernel(cache=False)
@@ -267,6 +268,8 @@ def plan_roll(
     (4,): what is held is reckoned in (`controllers.held_bend`); held (4,): that. lag_s, agility_1_s2: as in
     `controllers.robot_model`.
     """
+    if plan.forward != forward:
+        plan.forward, plan.reversing = forward, False  # to roll the other way is another plan
     if plan.reversing:
         along = bent[0] * math.cos(plan.line_rad) + bent[1] * math.sin(plan.line_rad)
         flipped = tuning.flipped_weak if _uses_weak(tuning, strength, held) else tuning.flipped

@@ -57,14 +57,15 @@ from softbot.sensing import READINGS, Readings
 
 FloatArray = NDArray[np.float64]
 
-_STALL_RATE_RAD_S = 0.25
+_STALL_RATE_RAD_S, _STALL_SHARE = 0.25, 0.4  # and of an ordered speed
 _STALL_RATE_TIME_S = 0.3  # a robot that only rocks has stalled: the rate is averaged over about this
 _STALL_TIME_S = 0.4
+_FASTER = 1.5  # the speed with which momentum may do, once it has not twice
 _PRIMED_SHARE = 0.8
 _PRIMING_LONGEST_S = 3.0
 _FOLLOWS_HELD = 0.1  # in a cycle: its sensor's noise must not be the others' command
 _PINNED = 0.2  # of the bend that rolling asks for: a robot so bent for good does not roll
-_PROGRESS_RAD = 0.5 * math.pi
+_PROGRESS_RAD, _REGAINS_S = 0.5 * math.pi, 60.0
 _RESTS_LAGS = 6.0  # in the safe state, before it rolls the other way
 _RUN_UP_RAD, _GOOD_PUSH, _FARTHEST_BACK_RAD = 0.25, 0.9, 2.0
 
@@ -112,9 +113,9 @@ def _enter(memory: SequencerMemory, state: int, t_s: float) -> None:
     own = memory.own[0]
     own.state, own.entered_s, own.still_since_s = state, t_s, math.nan
     if state in (_DISARMED, _SAFE, _PRIMING):
-        own.rocking, own.farthest_s = False, math.nan
+        own.rocking, own.runs_up, own.farthest_s = False, False, math.nan
         memory.recovery[0].reversing = False
-        own.lead_integral_rad = own.push_integral = 0.0
+        own.lead_integral_rad = own.push_integral = own.least_rad_s = 0.0
 
 
 @part()
@@ -258,7 +259,10 @@ def _watch_stall(parts: SequencerParts, memory: SequencerMemory, estimate: Any, 
     own = memory.own[0]
     share = min(1.0, step_s / _STALL_RATE_TIME_S)
     own.mean_rate_rad_s += share * (estimate.roll_rate_rad_s - own.mean_rate_rad_s)
-    if abs(own.mean_rate_rad_s) > _STALL_RATE_RAD_S:
+    still_rad_s = _STALL_RATE_RAD_S
+    if own.speed_rad_s > 0.0:
+        still_rad_s = min(still_rad_s, _STALL_SHARE * own.speed_rad_s)
+    if abs(own.mean_rate_rad_s) > still_rad_s:
         own.still_since_s = math.nan
         if own.state == _STALLED:
             _enter(memory, _rolling_state(parts, own), t_s)
@@ -292,7 +296,7 @@ def _makes_no_way(parts: SequencerParts, own: Any, estimate: Any, t_s: float) ->
     rolled_rad = -own.turn * estimate.roll_rad
     if math.isnan(own.farthest_s) or rolled_rad > own.farthest_rad + _PROGRESS_RAD:
         own.farthest_rad, own.farthest_s = rolled_rad, t_s
-    regains_s = 2.0 * math.pi / own.speed_rad_s if own.speed_rad_s > 0.0 else 0.0
+    regains_s = min(2.0 * math.pi / own.speed_rad_s, _REGAINS_S) if own.speed_rad_s > 0.0 else 0.0
     return t_s - own.farthest_s > parts.tuning.gives_up * parts.model.lag_s + regains_s
 
 
@@ -303,6 +307,8 @@ def _rocks(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
     if not own.rocking:
         if own.state == _STALLED:
             own.rocking, own.rocked_s, own.rocked_rad = True, t_s, estimate.roll_rad
+            if own.speed_rad_s > 0.0:  # NaN where none was ordered
+                own.least_rad_s = _FASTER * own.least_rad_s if own.least_rad_s > 0.0 else own.speed_rad_s
             own.still_since_s = math.nan
             _say(own, _ROCK_FREE)
     else:
@@ -313,6 +319,7 @@ def _rocks(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s: f
         away = abs(away_rad) > _RUN_UP_RAD and push > _GOOD_PUSH
         if away or abs(away_rad) > _FARTHEST_BACK_RAD or t_s - own.rocked_s > parts.tuning.rocks * parts.model.lag_s:
             own.rocking, own.still_since_s = False, math.nan
+            own.runs_up = True
             own.state = _DEGRADED
     return bool(own.rocking)
 
@@ -330,11 +337,12 @@ def _roll_on(parts: SequencerParts, memory: SequencerMemory, estimate: Any, t_s:
             _stop_safely(memory, BOTH_WAYS, 0, t_s)
             return
         lead_rad = max(parts.lead_rad, parts.tuning.lead_with_momentum_rad)
-        push = regulated_push(own, -own.turn * estimate.spin_rad_s, step_s)
         if _rocks(parts, memory, estimate, t_s):
-            forward, push = -own.turn, 1.0
-        elif push < 0.0:
-            forward, push = -own.turn, -push
+            forward = -own.turn
+        else:
+            push = regulated_push(own, -own.turn * estimate.spin_rad_s, step_s)
+            forward = own.turn if push >= 0.0 else -own.turn
+            push = abs(push)
     else:
         lead_rad = regulated_lead_rad(own, parts.lead_rad, -own.turn * estimate.roll_rate_rad_s, step_s)
     own.side = plan_roll(
@@ -464,8 +472,8 @@ def give_order(memory: SequencerMemory, order: Order, t_s: float) -> None:
     own["speed_rad_s"] = math.nan if order.speed_rev_s is None else 2.0 * math.pi * order.speed_rev_s
     own["distance_m"] = math.nan if order.distance_m is None else order.distance_m
     own["roll_at_order_rad"] = math.nan
-    own["lead_integral_rad"] = own["push_integral"] = 0.0
-    own["farthest_s"], own["rocking"] = math.nan, False
+    own["lead_integral_rad"] = own["push_integral"] = own["least_rad_s"] = 0.0
+    own["farthest_s"], own["rocking"], own["runs_up"] = math.nan, False, False
     own["turn_back"], own["turning"] = order.turn_back, False
     if order.command is Command.STOP and own["state"] == _SAFE:
         _enter(memory, _DISARMED, t_s)

@@ -58,9 +58,11 @@ SEQUENCER = np.dtype(
         ("last_t_s", np.float64),
         ("lead_integral_rad", np.float64),
         ("push_integral", np.float64),
+        ("least_rad_s", np.float64),
         ("rocking", np.bool_),
         ("rocked_s", np.float64),
         ("rocked_rad", np.float64),
+        ("runs_up", np.bool_),
         ("farthest_rad", np.float64),
         ("farthest_s", np.float64),
         ("offered_rad", np.float64, 2),
@@ -82,6 +84,7 @@ distance NaN where none was ordered; `turn_back`: the other way, once, where tha
 chamber that is dead, `used`: how much of it recovery uses, `sighted`: how much of what its sensor says the wall feels,
 0 where the sensor lies; `held`: the bend over what rolling asks for that a chamber holds which cannot be vented;
 `excited`: whether it gets steps while it rests; `rocking`: rolled back for a run-up, since when and from which roll;
+`runs_up`: and not come to the ordered speed since; `least_rad_s`: the speed that it needs by its stalls, 0 without any;
 `farthest`: the most progress, and when it was made; `offered_rad`: how far what was left at the last safe stop pushed
 it to the left and to the right; `turning`: it rolls the other way next; `answer`: numbers of STRATEGIES taken in this
 cycle."""

@@ -44,12 +44,16 @@ def regulated_lead_rad(own: Any, largest_rad: float, measured_rad_s: float, step
 def regulated_push(own: Any, measured_rad_s: float, step_s: float) -> float:
     """Share of the most moment for this cycle, −1 … 1; it and speeds are positive in the ordered direction.
 
-    Without a wanted speed it is 1.
+    Without a wanted speed it is 1, and so it is after a run-up until that is reached. Where the robot has stalled again
+    and again the wanted speed is what it needs to get on at all.
     """
-    wanted = own.speed_rad_s
-    if math.isnan(wanted):
+    if math.isnan(own.speed_rad_s):
         return 1.0
+    wanted = max(own.speed_rad_s, own.least_rad_s)
     error = wanted - measured_rad_s
+    own.runs_up = own.runs_up and error > 0.0
+    if own.runs_up:
+        return 1.0
     push = PUSH_PROPORTIONAL_S * error + own.push_integral
     if 0.0 < push < 1.0 or (push <= 0.0) == (error > 0.0):
         own.push_integral += PUSH_INTEGRAL * error * step_s

@@ -2,10 +2,11 @@
 
     python -m softbot.campaign.recovered_speed        the tables of docs/decisions/0030-planned-recovery.md
 
-The shipped robot at full effort; its valves and the board's limit on the set-points' motion are scaled, so that the
-chambers follow faster or slower. What is damaged is a chamber ruptured, or ballooning (a weak chamber), or two ruptured
-in the same moment; detection is the sequencer's own. Where valves are scaled, pressure sensors are told to be noisier
-than the shipped ones: with the fastest valves the detector otherwise takes a chamber's own motion for noise.
+The shipped robot, at full effort but for the last table; its valves and the board's limit on the set-points' motion
+are scaled, so that the chambers follow faster or slower. What is damaged is a chamber ruptured, or ballooning (a weak
+chamber), or two ruptured in the same moment; detection is the sequencer's own. At full effort pressure sensors are told
+to be noisier than the shipped ones: with the fastest valves the detector otherwise takes a chamber's own motion for
+noise.
 
 A weak chamber is compared with the same one dead in longer runs, once both have come to their speed, and over several
 onsets, each with a seed of its own: which revolution a fault meets decides how it is named, and so how the robot rolls.

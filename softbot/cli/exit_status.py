@@ -46,8 +46,7 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
         except ProtocolError as error:
             _end(str(error), InputError.exit_status)
         except OSError as error:  # a path that no file system takes, a stream that is full
-            where = f"{error.filename}: " if error.filename else ""
-            _end(f"{where}{error.strerror or error}", InputError.exit_status)
+            _end(in_words(error), InputError.exit_status)
         except Exception as error:  # Ctrl-C in the compiler, which then stumbles over what it left half-made
             interruption = _interruption(error)
             if interruption is None:
@@ -58,6 +57,12 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
             _end(f"interrupted; {what}", INTERRUPTED)
 
     return guarded
+
+
+def in_words(error: OSError) -> str:
+    """What the operating system refused, and of which file."""
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}"
 
 
 def _interruption(error: BaseException | None) -> KeyboardInterrupt | None:

@@ -34,7 +34,8 @@ class ValveLoop:
     """The pressure loop of one robot as open-loop runs want it (`sim.run.ValveController`), and as a board has it."""
 
     def __init__(self, robot: Robot, gains: PressureLoopGains | None = None) -> None:
-        self._limit_Pa, self._relief = robot.pneumatics.max_chamber_pressure_Pa, relief_memory()
+        self._limit_Pa = robot.pneumatics.max_chamber_pressure_Pa
+        self._relief = relief_memory(robot.pneumatics.valve_lag_s, CONTROL_PERIOD_S)
         self._loop = PressureLoop(gains or designed_gains(robot), robot.pneumatics, nominal_volumes_m3(robot))
 
     def openings(self, setpoint_Pa: FloatArray, readings: Readings) -> FloatArray:

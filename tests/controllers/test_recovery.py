@@ -163,7 +163,8 @@ def test_with_a_weak_chamber_in_use_the_line_is_left_while_a_little_is_still_on_
     rolling = Rolling(np.array([1.0, 1.0, strength, 1.0]), side=-1)
     rolling.held[0] = held
     plan, roll_rad = rolling.plans[0], math.pi / 2 + 0.2
-    plan["reversing"], plan["line_rad"], plan["began_rad"] = True, math.pi / 2, roll_rad
+    plan["forward"], plan["reversing"] = rolling.forward, True
+    plan["line_rad"], plan["began_rad"] = math.pi / 2, roll_rad
     for size in np.arange(0.3, -0.1, -0.01):
         if not rolling.cycle(roll_rad, bent_rad=-math.pi / 2, size=size)["reversing"]:
             break
@@ -229,3 +230,15 @@ def test_the_plan_for_the_right_is_the_mirror_image_of_that_for_the_left(
     assert there.side == -here.side
     assert reversing_there is reversing
     assert image == pytest.approx(plan * [1.0, -1.0], abs=1e-6)
+
+
+def test_to_roll_the_other_way_ends_a_reversal_without_a_doubt():
+    rolling = Rolling(without((0,)))
+    roll = -math.pi / 2 + 0.2
+    assert rolling.cycle(roll, bent_rad=math.pi / 2)["reversing"]
+    rolling.forward = -1
+    plan = rolling.cycle(roll - 0.5, bent_rad=math.pi / 2)
+    assert plan["doubt"] == 0.0
+    rolling.forward = 1
+    rolling.cycle(roll + 1.0, bent_rad=-math.pi / 2)
+    assert plan["doubt"] == 0.0

@@ -41,5 +41,12 @@ def test_pushes_are_as_strong_as_speed_is_wanting_and_do_not_wind_up():
         assert push(2.0, 9.0) == pytest.approx(-0.05 * 6.8)
     assert push(2.0, 90.0) == -1.0
     assert push(2.0, 1.0) == pytest.approx(0.25, abs=0.01)
+    own["runs_up"] = True
+    assert push(2.0, 1.0) == 1.0
+    assert push(2.0, 2.1) == 0.0
+    assert push(2.0, 1.0) < 0.3  # it has been that fast: no run-up any more
+    own["least_rad_s"] = 3.0  # by its stalls
+    assert push(2.0, 2.0) == pytest.approx(0.25, abs=0.01)
+    own["least_rad_s"] = 0.0
     pushes = [push(2.0, 1.9) for _ in range(500)]
     assert pushes[-1] > pushes[0] > 0.0

@@ -173,7 +173,10 @@ def test_where_nobody_disarms_the_main_supply_is_shut_beforehand_for_a_moment_on
         attack.run(CONTROL_PERIOD_S, lambda t_s, chamber: 90e3 if chamber == 1 else 0.0)
         told.append(attack.link.readings.main_supply_open)
         mode.append(attack.node.rules.state.mode)
+    attack.run(3.0, lambda t_s, chamber: 0.0)
     attack.twin.close()
+    print(f"stuck open, nobody disarms: {1e-3 * attack.highest_Pa:.1f} kPa at most")
+    assert attack.highest_Pa < 1.1 * attack.node.rules.limits.over_pressure_Pa
     assert mode == 16 * [BoardMode.ARMED]
     assert told.count(False) == BEFOREHAND
     first = told.index(False)
