@@ -100,7 +100,7 @@ def _fed_beforehand(own: Any, i: int, shown: float, limit_Pa: float) -> bool:
 def relieve_manifold(
     memory: Any, measured_Pa: FloatArray, supply_Pa: float, limit_Pa: float, rests: bool, opening: FloatArray
 ) -> bool:
-    """One cycle: whether a chamber is being relieved, in which case `opening` (4,) is changed to what the valves do.
+    """One cycle: whether a chamber is relieved; then `opening` (4,) is changed, and the main supply is to be shut.
 
     measured_Pa (4,), supply_Pa: gauge readings of this cycle; limit_Pa: of a chamber; rests: the board is in its safe
     state. opening (4,): as commanded otherwise. memory: shape (1,) of RELIEF.
