@@ -143,7 +143,7 @@ def test_hash_follows_the_content_and_not_the_line_ends() -> None:
     [
         ("VERSION.*", "VERSION", "not a valid DBC"),
         ("BO_ 16 EmergencyStop", "BO_ 2147483664 EmergencyStop", "11-bit"),
-        ("EmergencyStop: 2 Sequencer", "EmergencyStop: 2 Vector__XXX", "one sender"),
+        ("EmergencyStop: 2 Sequencer", "EmergencyStop: 2 Vector__XXX", "one sender"),  # DBC's name for "no node"
         (r"SG_ Crc : 0\|8", "SG_ Checksum : 0|8", "must begin with Crc"),
         (r"SG_ Reason : 12\|4@1\+", "SG_ Reason : 15|4@0+", "little-endian"),
         (r"\[0\|15\] \"1\" Board\n\nBO_ 256", '[0|0] "1" Board\n\nBO_ 256', "needs a range"),
