@@ -31,6 +31,7 @@ from sim.trajectory import motion_row
 from sim.twins import make_twin, world_of
 from softbot.errors import InputError, SimulationError
 from softbot.faults import FaultTimeline
+from softbot.interruption import interruption_asked, raise_if_asked
 from softbot.sensing import Readings
 
 FloatArray = NDArray[np.float64]
@@ -157,15 +158,20 @@ def _run(
 
     try:
         while done < total:
+            raise_if_asked()
             done += advance(done)
             if done - told >= between:
                 told = done
                 progress(done * sample_s)
-    except SimulationError as error:
-        finish(f"failed: {error}")
-        raise
     except KeyboardInterrupt:
         finish("interrupted")
+        raise
+    except SimulationError as error:
+        asked = interruption_asked()
+        if asked is not None:  # a library that swallowed it may stumble in its wake
+            finish("interrupted")
+            raise asked from error
+        finish(f"failed: {error}")
         raise
     return finish("done")
 

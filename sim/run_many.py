@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable
 from typing import IO, TYPE_CHECKING, Any
 
 from softbot.errors import InputError, SimulationError, SoftbotError
+from softbot.interruption import raise_if_asked
 from softbot.one_thread import ONE_THREAD
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ def run_many(
         task = _task(record, run)
         results: list[Any] = []
         for done, scene in enumerate(todo, start=1):
+            raise_if_asked()
             result = _outcome(task, scene)
             if each is None:
                 results.append(result)

@@ -15,6 +15,7 @@ from sim.benchmark.result import Result
 from sim.run import simulate
 from sim.scene import Scene
 from softbot.errors import SoftbotError
+from softbot.interruption import raise_if_asked
 
 REPEAT_FOR_S = 60.0
 """A setting is not repeated any more once its runs have taken this long: slow ones are known well enough by then."""
@@ -49,6 +50,7 @@ def measure(
                 yield Result(case.name, engine.name, "", reason=str(error))
                 continue
             for setting in settings:
+                raise_if_asked()
                 yield _measured(case, engine, setting, ruler, repeats, run)
 
 

@@ -16,9 +16,10 @@ from typer.testing import CliRunner
 from firmware_protocol.errors import BusError
 from softbot import __version__
 from softbot.cli import main
-from softbot.cli.exit_status import Terminated, with_exit_status
+from softbot.cli.exit_status import with_exit_status
 from softbot.cli.streams import messages, nothing_printed, progress_bar
 from softbot.errors import InputError, SimulationError, SoftbotError
+from softbot.interruption import Terminated
 
 COMMANDS = ("demo", "run", "report", "calibrate", "pressure-loop", "plant", "sequence", "campaign", "bench", "figure")
 

@@ -1,0 +1,158 @@
+"""Ctrl-C and SIGTERM reach a run even if a library swallows what they raise."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from sim import run as sim_run
+from sim.run import simulate
+from sim.run_many import run_many
+from sim.scene import scene_from
+from sim.telemetry import read_telemetry
+from softbot.cli.exit_status import with_exit_status
+from softbot.errors import SimulationError
+from softbot.interruption import Terminated, interruptible, interruption_asked, raise_if_asked
+
+SIGNALS = pytest.mark.parametrize(
+    ("number", "interruption"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)]
+)
+
+
+@pytest.fixture(autouse=True)
+def _hearing() -> Iterator[None]:
+    """SIGINT is ignored where the tests run in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def swallow(number: signal.Signals) -> None:
+    """What numba's dispatcher does with a signal that comes while it asks a record for its type."""
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.raise_signal(number)
+
+
+@SIGNALS
+def test_a_run_that_swallows_its_interruption_ends_at_the_next_sample(
+    number: signal.Signals, interruption: type[KeyboardInterrupt], scene_table: dict[str, Any], tmp_path: Path
+) -> None:
+    def progress(t_s: float) -> None:
+        if 0.15 < t_s < 0.25:
+            swallow(number)
+
+    with interruptible(), pytest.raises(interruption) as raised:
+        simulate(scene_from(scene_table, "scene.toml", tmp_path), tmp_path, progress=progress)
+    assert raised.type is interruption
+    assert read_telemetry(tmp_path).num_rows == 20
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "interrupted"
+
+
+@SIGNALS
+def test_a_run_that_fails_in_the_wake_of_what_it_swallowed_was_interrupted(
+    number: signal.Signals,
+    interruption: type[KeyboardInterrupt],
+    scene_table: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def stumble(self: object, done: int) -> int:
+        swallow(number)
+        raise SimulationError("no matching definition")
+
+    monkeypatch.setattr(sim_run._StepByStep, "advance", stumble)
+    with interruptible(), pytest.raises(interruption) as raised:
+        simulate(scene_from(scene_table, "scene.toml", tmp_path), tmp_path)
+    assert raised.type is interruption
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "interrupted"
+
+
+def swallow_what(number: signal.Signals) -> None:
+    """A task of `run_many`."""
+    ran.append(number)
+    swallow(number)
+
+
+ran: list[signal.Signals] = []
+
+
+@SIGNALS
+def test_of_many_runs_none_is_begun_after_an_interruption(
+    number: signal.Signals, interruption: type[KeyboardInterrupt]
+) -> None:
+    ran.clear()
+    with interruptible(), pytest.raises(interruption):
+        run_many([number] * 3, 1, run=swallow_what)
+    assert ran == [number]
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "said"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_an_unforeseen_error_in_the_wake_of_a_swallowed_signal_is_the_interruption(
+    number: signal.Signals, status: int, said: str
+) -> None:
+    app = typer.Typer()
+
+    def command() -> None:
+        swallow(number)
+        raise TypeError("no matching definition")
+
+    app.command()(with_exit_status(command))
+    result = CliRunner().invoke(app, [])
+    assert result.exit_code == status
+    assert result.stderr == f"softbot: {said}; in its wake TypeError: no matching definition\n"
+
+
+@SIGNALS
+def test_what_was_asked_of_one_command_is_not_asked_of_the_next(
+    number: signal.Signals, interruption: type[KeyboardInterrupt]
+) -> None:
+    handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
+    with interruptible():
+        raise_if_asked()
+        swallow(number)
+        assert interruption_asked() is interruption
+        with pytest.raises(interruption):
+            raise_if_asked()
+    assert interruption_asked() is None
+    raise_if_asked()
+    assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)] == handlers
+
+
+def test_the_second_sigterm_ends_the_process_and_the_second_ctrl_c_interrupts_again() -> None:
+    with interruptible():
+        swallow(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        for _ in range(2):
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+
+
+def test_a_command_that_was_started_deaf_to_ctrl_c_stays_so() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with interruptible():
+        signal.raise_signal(signal.SIGINT)
+        assert interruption_asked() is None
+
+
+def test_off_the_main_thread_no_handler_is_touched() -> None:
+    ran: list[bool] = []
+
+    def command() -> None:
+        with interruptible():
+            ran.append(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+
+    thread = threading.Thread(target=command)
+    thread.start()
+    thread.join()
+    assert ran == [True]
