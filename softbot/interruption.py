@@ -1,23 +1,37 @@
-"""Ctrl-C and SIGTERM, heard even where a library swallows them.
+"""Ctrl-C, SIGTERM and a terminal that hangs up, heard even where a library swallows them.
 
-Either raises in whatever the main thread happens to be doing, and that may be Python code which C code has called and
+Each raises in whatever the main thread happens to be doing, and that may be Python code which C code has called and
 whose error it takes for a "no": numba's dispatcher does, when it asks a record for its type. So what was asked for is
-remembered until the command ends, and the loop of a long run asks for it (`raise_if_asked`).
+remembered until the command ends, and the loop of a long run asks for it (`raise_if_asked`). Commands that keep time
+with the wall clock are not broken off but asked to stop (`stopped_by_signals`).
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Any
+
+Handler = Callable[[int, FrameType | None], None]
 
 
 class Terminated(KeyboardInterrupt):
     """SIGTERM came."""
 
 
+class HungUp(KeyboardInterrupt):
+    """SIGHUP came: the terminal was closed, the connection to it lost."""
+
+
+_RAISES: dict[signal.Signals, type[KeyboardInterrupt]] = {
+    signal.SIGINT: KeyboardInterrupt,
+    signal.SIGTERM: Terminated,
+    signal.SIGHUP: HungUp,
+}
 _asked: type[KeyboardInterrupt] | None = None
 
 
@@ -34,32 +48,71 @@ def raise_if_asked() -> None:
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """SIGINT raises KeyboardInterrupt here, as ever; SIGTERM raises Terminated, and the next one ends the process.
+    """SIGINT raises KeyboardInterrupt here, as ever, SIGTERM Terminated and SIGHUP HungUp.
 
-    Who was started deaf to SIGINT stays so, and off the main thread, where no signal is handled, nothing changes.
+    Ctrl-C interrupts as often as it is pressed; the second SIGTERM or SIGHUP ends the process. A process that was
+    started deaf to a signal stays so (`nohup`, a script's background), and off the main thread, where no signal is
+    handled, nothing changes.
     """
 
     def ask(number: int, frame: FrameType | None) -> None:
         global _asked
-        if number == signal.SIGINT:
-            _asked = KeyboardInterrupt
-        else:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            _asked = Terminated
+        if number != signal.SIGINT:
+            signal.signal(number, signal.SIG_DFL)
+        _asked = _RAISES[signal.Signals(number)]
         raise _asked
 
     global _asked
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
-    if before[signal.SIGINT] is not signal.default_int_handler:
-        del before[signal.SIGINT]
-    for one in before:
-        signal.signal(one, ask)
+    try:
+        with _handled(ask, [one for one in _RAISES if signal.getsignal(one) is not signal.SIG_IGN]):
+            yield
+    finally:
+        _asked = None
+
+
+@contextlib.contextmanager
+def stopped_by_signals() -> Iterator[threading.Event]:
+    """An event that the same signals set; the second one of them does what it did before. SIGINT sets it even in a
+    script's background: there it is how the script says that it is over."""
+    stop = threading.Event()
+    deaf = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    signals = [one for one in _RAISES if not (deaf and one == signal.SIGHUP)]
+    before: dict[signal.Signals, Any] = {one: signal.getsignal(one) for one in signals}
+
+    def ask(number: int, frame: FrameType | None) -> None:
+        stop.set()
+        for one, handler in before.items():
+            signal.signal(one, handler)
+
+    with _handled(ask, signals):
+        yield stop
+
+
+@contextlib.contextmanager
+def _handled(handler: Handler, signals: list[signal.Signals]) -> Iterator[None]:
+    terminals = [number for number in (0, 1, 2) if _is_terminal(number)]
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGHUP:  # what is still to be said must not fail for want of one who hears it
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for terminal in terminals:
+                os.dup2(nowhere, terminal)
+            os.close(nowhere)
+        handler(number, frame)
+
+    before: dict[signal.Signals, Any] = {one: signal.signal(one, handle) for one in signals}
     try:
         yield
     finally:
-        _asked = None
-        for one, handler in before.items():
-            signal.signal(one, handler if handler is not None else signal.SIG_DFL)
+        for one, was in before.items():
+            signal.signal(one, was if was is not None else signal.SIG_DFL)
+
+
+def _is_terminal(number: int) -> bool:
+    try:
+        return os.isatty(number)
+    except OSError:  # closed by the caller
+        return False

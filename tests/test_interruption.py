@@ -21,19 +21,34 @@ from sim.scene import scene_from
 from sim.telemetry import read_telemetry
 from softbot.cli.exit_status import with_exit_status
 from softbot.errors import SimulationError
-from softbot.interruption import Terminated, interruptible, interruption_asked, raise_if_asked
-
-SIGNALS = pytest.mark.parametrize(
-    ("number", "interruption"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)]
+from softbot.interruption import (
+    HungUp,
+    Terminated,
+    interruptible,
+    interruption_asked,
+    raise_if_asked,
+    stopped_by_signals,
 )
+
+RAISES = {signal.SIGINT: KeyboardInterrupt, signal.SIGTERM: Terminated, signal.SIGHUP: HungUp}
+SIGNALS = pytest.mark.parametrize(("number", "interruption"), RAISES.items())
+
+
+AT_FIRST = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
+"""What a command in a terminal begins with."""
 
 
 @pytest.fixture(autouse=True)
 def _hearing() -> Iterator[None]:
-    """SIGINT is ignored where the tests run in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """SIGINT is ignored where the tests run in the background, SIGHUP where they go on without a terminal."""
+    before = {one: signal.signal(one, was) for one, was in AT_FIRST.items()}
     yield
-    signal.signal(signal.SIGINT, before)
+    for one, was in before.items():
+        signal.signal(one, was)
 
 
 def swallow(number: signal.Signals) -> None:
@@ -96,7 +111,8 @@ def test_of_many_runs_none_is_begun_after_an_interruption(
 
 
 @pytest.mark.parametrize(
-    ("number", "status", "said"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+    ("number", "status", "said"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, "hung up")],
 )
 def test_an_unforeseen_error_in_the_wake_of_a_swallowed_signal_is_the_interruption(
     number: signal.Signals, status: int, said: str
@@ -117,7 +133,6 @@ def test_an_unforeseen_error_in_the_wake_of_a_swallowed_signal_is_the_interrupti
 def test_what_was_asked_of_one_command_is_not_asked_of_the_next(
     number: signal.Signals, interruption: type[KeyboardInterrupt]
 ) -> None:
-    handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
     with interruptible():
         raise_if_asked()
         swallow(number)
@@ -126,23 +141,45 @@ def test_what_was_asked_of_one_command_is_not_asked_of_the_next(
             raise_if_asked()
     assert interruption_asked() is None
     raise_if_asked()
-    assert [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)] == handlers
+    assert {one: signal.getsignal(one) for one in AT_FIRST} == AT_FIRST
 
 
 def test_the_second_sigterm_ends_the_process_and_the_second_ctrl_c_interrupts_again() -> None:
     with interruptible():
-        swallow(signal.SIGTERM)
-        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            swallow(number)
+            assert signal.getsignal(number) is signal.SIG_DFL
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
 
 
-def test_a_command_that_was_started_deaf_to_ctrl_c_stays_so() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@pytest.mark.parametrize("number", AT_FIRST)
+def test_a_command_that_was_started_deaf_to_a_signal_stays_so(number: signal.Signals) -> None:
+    signal.signal(number, signal.SIG_IGN)
     with interruptible():
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         assert interruption_asked() is None
+
+
+@pytest.mark.parametrize("number", AT_FIRST)
+def test_a_signal_asks_for_the_stop_and_a_second_one_is_not_held(number: signal.Signals) -> None:
+    with stopped_by_signals() as stop:
+        assert not stop.is_set()
+        signal.raise_signal(number)
+        assert stop.is_set()
+        assert signal.getsignal(number) == AT_FIRST[number]
+    assert signal.getsignal(number) == AT_FIRST[number]
+
+
+def test_what_was_started_to_go_on_without_a_terminal_is_not_stopped_when_it_hangs_up() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with stopped_by_signals() as stop:
+        signal.raise_signal(signal.SIGHUP)
+        assert not stop.is_set()
+        signal.raise_signal(signal.SIGINT)
+        assert stop.is_set()
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 
 def test_off_the_main_thread_no_handler_is_touched() -> None:

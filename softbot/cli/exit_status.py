@@ -1,7 +1,7 @@
 """What the shell is told: 0 done, 2 bad input, 3 the simulation failed; one message, no traceback.
 
-130 says interrupted (Ctrl-C) and 143 terminated (SIGTERM); both bring what the command was doing to an end, and what it
-recorded is kept.
+129 says hung up (SIGHUP: the terminal is gone), 130 interrupted (Ctrl-C) and 143 terminated (SIGTERM); each brings what
+the command was doing to an end, and what it recorded is kept.
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ import typer
 
 from firmware_protocol.errors import ProtocolError
 from softbot.errors import InputError, SoftbotError
-from softbot.interruption import Terminated, interruptible, interruption_asked
+from softbot.interruption import HungUp, Terminated, interruptible, interruption_asked
 
 Options = ParamSpec("Options")
 
-INTERRUPTED = 130
-TERMINATED = 143
+_INTERRUPTIONS: dict[type[KeyboardInterrupt], tuple[str, int]] = {
+    KeyboardInterrupt: ("interrupted", 130),
+    Terminated: ("terminated", 143),
+    HungUp: ("hung up", 129),
+}
 
 
 def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None]:
@@ -63,9 +66,8 @@ def _interruption_before(error: BaseException | None) -> type[KeyboardInterrupt]
 
 
 def _end_interrupted(interruption: type[KeyboardInterrupt], what: str = "") -> None:
-    if issubclass(interruption, Terminated):
-        _end(f"terminated{what}", TERMINATED)
-    _end(f"interrupted{what}", INTERRUPTED)
+    said, status = _INTERRUPTIONS[interruption]
+    _end(f"{said}{what}", status)
 
 
 def _end(message: str, status: int) -> None:

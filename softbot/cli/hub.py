@@ -22,7 +22,7 @@ def hub(
     from firmware_protocol.hub import address_of, run_hub
     from firmware_protocol.spec import spec
     from softbot.cli.streams import say
-    from softbot.nodes.wall_clock import stopped_by_signals
+    from softbot.interruption import stopped_by_signals
 
     address = address_of(channel)
     with stopped_by_signals() as stop:

@@ -40,8 +40,9 @@ def monitor(
 
     from firmware_protocol.bus_watch import BusWatch
     from softbot.errors import InputError
+    from softbot.interruption import stopped_by_signals
     from softbot.nodes.listening import arrived
-    from softbot.nodes.wall_clock import open_live, stopped_by_signals
+    from softbot.nodes.wall_clock import open_live
 
     if duration_s is not None and not 0.0 < duration_s < math.inf:
         raise InputError(f"--duration-s {duration_s:g}: give a positive number of seconds")

@@ -57,7 +57,8 @@ def plant(
     folder = open_run_folder(f"{checked.name}-plant", out)
     import_twin(checked)
     with held(folder), nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():
-        from softbot.nodes.wall_clock import asked_by_signal, run_plant, stopped_by_signals
+        from softbot.interruption import stopped_by_signals
+        from softbot.nodes.wall_clock import asked_by_signal, run_plant
         from softbot.report import write_report
 
         title = f"plant on {interface} {channel}"

@@ -41,7 +41,8 @@ def sequence(
     from sim.scene import load_scene
     from softbot.cli.streams import say
     from softbot.errors import InputError, SimulationError
-    from softbot.nodes.wall_clock import asked_by_signal, run_sequencer, sequencer_report, stopped_by_signals
+    from softbot.interruption import stopped_by_signals
+    from softbot.nodes.wall_clock import asked_by_signal, run_sequencer, sequencer_report
 
     if duration_s is not None and not 0.0 < duration_s < math.inf:
         raise InputError(f"--duration-s {duration_s:g}: give a positive number of seconds")

@@ -65,10 +65,10 @@ def shadow(
     from softbot.cli.compiling import told_of_compiling
     from softbot.cli.streams import say
     from softbot.errors import InputError
+    from softbot.interruption import stopped_by_signals
     from softbot.nodes.chamber_health import read_health
     from softbot.nodes.replay import account
     from softbot.nodes.shadow import Shadow, rehearse_shadow, watch
-    from softbot.nodes.wall_clock import stopped_by_signals
 
     for name, value in (("--duration-s", duration_s), ("--every-s", every_s)):
         if value is not None and not 0.0 < value < math.inf:

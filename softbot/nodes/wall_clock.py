@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Union, cast
 
 from controllers.interface import Detection, Recovery, SequencerState
@@ -377,26 +376,6 @@ def tell_granted(granted: Granted, tell: Callable[[str], None]) -> None:
     """Say what a process that asked for it was refused."""
     for sentence in granted.refused:
         tell(sentence)
-
-
-@contextlib.contextmanager
-def stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set; the second one of them ends the process as usual."""
-    stop = threading.Event()
-    before: dict[signal.Signals, object] = {}
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        stop.set()
-        for one, handler in before.items():
-            signal.signal(one, handler)  # type: ignore[arg-type]
-
-    for one in (signal.SIGINT, signal.SIGTERM):
-        before[one] = signal.signal(one, ask)
-    try:
-        yield stop
-    finally:
-        for one, handler in before.items():
-            signal.signal(one, handler)  # type: ignore[arg-type]
 
 
 @contextlib.contextmanager

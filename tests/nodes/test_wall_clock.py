@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -29,7 +27,7 @@ from sim.scene import Scene
 from sim.telemetry import read_telemetry
 from softbot.errors import SimulationError
 from softbot.nodes import wall_clock
-from softbot.nodes.wall_clock import run_plant, run_sequencer, sequencer_report, stopped_by_signals
+from softbot.nodes.wall_clock import run_plant, run_sequencer, sequencer_report
 
 MakeScene = Callable[..., Scene]
 
@@ -391,14 +389,3 @@ def test_a_simulation_that_fails_keeps_its_recording(
     with pytest.raises(SimulationError, match="not finite"):
         run_plant(make_scene(), "virtual", "wall-clock-nan", tmp_path, gains=gains)
     assert read_telemetry(tmp_path).num_rows == 5
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_asks_for_the_stop_and_a_second_one_is_not_held(number: signal.Signals) -> None:
-    before = signal.getsignal(number)
-    with stopped_by_signals() as stop:
-        assert not stop.is_set()
-        os.kill(os.getpid(), number)
-        assert stop.wait(1.0)
-        assert signal.getsignal(number) == before
-    assert signal.getsignal(number) == before
