@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable
 from typing import IO, TYPE_CHECKING, Any
 
 from softbot.errors import InputError, SimulationError, SoftbotError
-from softbot.interruption import raise_if_asked
+from softbot.interruption import left_to_the_parent, raise_if_asked
 from softbot.one_thread import ONE_THREAD
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def run_many(
 
 def serve() -> None:
     """What a process of `run_many` does: answer scenes from its standard input on its standard output."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's, which ends this process
+    left_to_the_parent()
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what engines print must not get among the replies
     answer(sys.stdin.buffer, replies)

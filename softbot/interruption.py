@@ -91,6 +91,15 @@ def stopped_by_signals() -> Iterator[threading.Event]:
         yield stop
 
 
+def left_to_the_parent() -> None:
+    """For a process that works for another: the other hears the signal, which comes to the whole group, and ends it.
+
+    Else it would die first, and its death be taken for the outcome of what it was at.
+    """
+    for one in _RAISES:
+        signal.signal(one, signal.SIG_IGN)
+
+
 @contextlib.contextmanager
 def _handled(handler: Handler, signals: list[signal.Signals]) -> Iterator[None]:
     terminals = [number for number in (0, 1, 2) if _is_terminal(number)]

@@ -57,6 +57,11 @@ def mortal(n):
         os._exit(7)
     return n
 
+def asked_to_end(n):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(os.getpid(), number)
+    return n
+
 def slow(n):
     Path(os.environ["STARTED"]).touch()
     time.sleep(60.0)
@@ -126,6 +131,10 @@ def test_death_of_a_process_is_the_result_of_the_scene_that_it_was_at(chores: An
         9: "the process that ran this scene was killed (SIGKILL)",
     }
     assert [result for n, result in enumerate(results) if n not in dead] == [n for n in range(40) if n not in dead]
+
+
+def test_what_asks_the_whole_group_to_end_is_no_death_of_a_run(chores: Any) -> None:
+    assert run_many(range(4), 2, run=chores.asked_to_end) == list(range(4))
 
 
 def test_interrupt_ends_the_processes(chores: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
