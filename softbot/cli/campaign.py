@@ -176,7 +176,7 @@ def _carry_out(draws: Any, folder: Path, processes: int | None, scheduler: str |
     from softbot.campaign.page import write_page
     from softbot.campaign.statistics import Tally, statistics
     from softbot.cli.compiling import told_of_compiling
-    from softbot.cli.streams import messages
+    from softbot.cli.streams import messages, say
     from softbot.nodes.direct import warm_up
 
     with told_of_compiling("preparing", "compiling twin and controller, once on this machine: about a minute"):
@@ -197,14 +197,20 @@ def _carry_out(draws: Any, folder: Path, processes: int | None, scheduler: str |
             tally.add(row)
             bar.update(task, advance=1, rate=tally.rate(), found=tally.words())
 
-        table = carry_out(
-            draws,
-            folder,
-            processes=processes,
-            scheduler=scheduler,
-            told=told,
-            begun=lambda done: bar.update(task, completed=done),
-        )
+        try:
+            table = carry_out(
+                draws,
+                folder,
+                processes=processes,
+                scheduler=scheduler,
+                told=told,
+                begun=lambda done: bar.update(task, completed=done),
+            )
+        except BaseException:
+            bar.stop()
+            if (made := int(bar.tasks[task].completed)) > 0:
+                say(f"{made} of {draws.campaign.runs} runs are kept in {folder}; the same command makes the others")
+            raise
     with messages().status("writing the report"):
         found = statistics(table)
         write_page(draws, table, found, folder)

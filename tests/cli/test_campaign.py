@@ -32,3 +32,29 @@ def test_runs_and_twins_that_are_not_there_are_refused(softbot: Any, arguments: 
     result = softbot("campaign", SMOKE, *arguments)
     assert result.exit_code == 2, result.stdout
     assert says in result.stderr
+
+
+def test_an_interrupted_campaign_says_what_is_kept_and_how_to_go_on(
+    softbot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(draws: Any, folder: Path, *, told: Any, begun: Any, **_: Any) -> None:
+        begun(5)
+        told({"outcome": "done"})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("softbot.campaign.execution.carry_out", interrupted)
+    monkeypatch.setattr("softbot.nodes.direct.warm_up", lambda scene: None)
+    result = softbot("campaign", SMOKE, "--out", tmp_path / "here")
+    assert result.exit_code == 130
+    assert f"6 of 60 runs are kept in {tmp_path / 'here'}; the same command makes the others" in result.stderr
+    assert result.stderr.endswith("softbot: interrupted\n")
+
+
+def test_a_campaign_that_is_refused_keeps_nothing(
+    softbot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softbot.nodes.direct.warm_up", lambda scene: None)
+    (tmp_path / "campaign.toml").write_text("runs = 1\n")
+    result = softbot("campaign", SMOKE, "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "kept" not in result.stderr
