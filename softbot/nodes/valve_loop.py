@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers import pressure_loop
+from controllers import pressure_loop, pressure_loop_design
 from controllers.manifold_relief import relief_memory, relieve_manifold
-from controllers.pressure_loop import PressureLoop, PressureLoopDesign, PressureLoopGains, design_pressure_loop
+from controllers.pressure_loop import PressureLoop, PressureLoopGains
+from controllers.pressure_loop_design import PressureLoopDesign, design_pressure_loop
 from sim.scene import CONTROL_PERIOD_S
 from softbot import pneumatics
 from softbot.errors import InputError
@@ -107,7 +108,7 @@ def _fingerprint(robot: Robot) -> str:
         "period_s": CONTROL_PERIOD_S,
     }
     digest = hashlib.sha256(json.dumps(known, sort_keys=True).encode())
-    for source in (pressure_loop.__file__, pneumatics.__file__, __file__):
+    for source in (pressure_loop.__file__, pressure_loop_design.__file__, pneumatics.__file__, __file__):
         digest.update(Path(str(source)).read_bytes())
     return digest.hexdigest()[:24]
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from controllers.pressure_loop import PressureLoopDesign, PressureLoopGains, analyse_pressure_loop
+from controllers.pressure_loop import PressureLoopGains
+from controllers.pressure_loop_design import PressureLoopDesign, analyse_pressure_loop
 from softbot.nodes import valve_loop
 from softbot.nodes.valve_loop import nominal_volumes_m3
 from softbot.robot import Robot

@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 
 from controllers import pressure_loop
-from controllers.pressure_loop import (
-    PressureLoop,
-    PressureLoopGains,
-    analyse_pressure_loop,
-    design_pressure_loop,
-)
+from controllers.pressure_loop import PressureLoop, PressureLoopGains
+from controllers.pressure_loop_design import analyse_pressure_loop, design_pressure_loop
 from softbot.errors import InputError
 from softbot.faults import Fault, FaultKind, PneumaticConditions
 from softbot.plant_conditions import PlantConditions
@@ -49,13 +45,15 @@ def simulate(
     noise_Pa=0.0,
     growth=0.0,
     volume_ratio=1.0,
+    parameters=PARAMETERS,
+    volume_m3=VOLUME_m3,
 ):
     """The loop on the twin's pneumatics; what a sample asks for reaches the valves one sample later."""
-    rest_m3 = np.full(4, VOLUME_m3 * volume_ratio)
-    packed = PARAMETERS.as_arrays()
-    state = initial_state(PARAMETERS, rest_m3 * (1 + growth * np.array(start_Pa) / 100e3), start_Pa)
-    pressure_Pa = np.append(np.array(start_Pa, dtype=float), PARAMETERS.supply_pressure_Pa)
-    loop = PressureLoop(gains, PARAMETERS, VOLUME_m3)
+    rest_m3 = np.full(4, volume_m3 * volume_ratio)
+    packed = parameters.as_arrays()
+    state = initial_state(parameters, rest_m3 * (1 + growth * np.array(start_Pa) / 100e3), start_Pa)
+    pressure_Pa = np.append(np.array(start_Pa, dtype=float), parameters.supply_pressure_Pa)
+    loop = PressureLoop(gains, parameters, volume_m3)
     loop.reset(start_Pa)
     random = np.random.default_rng(0)
     applied = np.zeros(4)
@@ -136,6 +134,30 @@ def test_gain_margin_is_where_the_real_loop_starts_to_swing(design):
         run = simulate(gains, constant(*[60.2e3] * 4), 1.5, start_Pa=(60e3,) * 4)
         swings.append(np.ptp(run.pressure_Pa[run.t_s > 1.2, 0]))
     assert swings[0] < 20 < 1000 < swings[1]
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "volume_m3", "sample_s"),
+    [(0.2, 20e-6, 10e-3), (0.04, 10e-6, 10e-3), (0.01, 6e-6, 10e-3), (0.1, 60e-6, 1e-3)],
+)
+def test_valves_too_slow_or_large_for_their_chambers_are_moved_slowly(lag_s, volume_m3, sample_s):
+    parameters = dataclasses.replace(PARAMETERS, valve_lag_s=lag_s)
+    found = design_pressure_loop(parameters, volume_m3, sample_s)
+    assert found.stable
+    assert found.gain_margin_dB >= 8
+    assert found.phase_margin_deg >= 55
+    assert found.gains.setpoint_rate_Pa_s < 600e3
+    duration_s = 100e3 / found.gains.setpoint_rate_Pa_s + 20.0 * (lag_s + sample_s)
+
+    def up_and_down(t_s):
+        return np.full(4, 80e3 if t_s < duration_s else 5e3)
+
+    run = simulate(found.gains, up_and_down, 2.0 * duration_s, parameters=parameters, volume_m3=volume_m3)
+    up, down = run.pressure_Pa[run.t_s < duration_s, 0], run.pressure_Pa[run.t_s > duration_s, 0]
+    assert up.max() < 1.05 * 80e3
+    assert down.min() > 1e3
+    assert up[-1] == pytest.approx(80e3, abs=1e3)
+    assert down[-1] == pytest.approx(5e3, abs=1e3)
 
 
 def test_slower_sampling_costs_bandwidth_and_not_margin(design):
@@ -361,7 +383,7 @@ def test_compiled_law_does_what_its_source_says(design):
     for compiled, source in zip(*memories, strict=True):
         np.testing.assert_allclose(compiled, source, rtol=1e-12)
     arguments = (1e-9, 0.3, 3e5, 2.999e5, 293.15)
-    assert pressure_loop._flow_to_invert.py_func(*arguments) == pressure_loop._flow_to_invert(*arguments)
+    assert pressure_loop.flow_to_invert.py_func(*arguments) == pressure_loop.flow_to_invert(*arguments)
 
 
 def test_wrong_shape_is_refused_by_name(design):

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.pressure_loop import PressureLoopDesign, PressureLoopGains
+from controllers.pressure_loop import PressureLoopGains
+from controllers.pressure_loop_design import PressureLoopDesign
 from softbot.nodes import valve_loop
 from softbot.nodes.valve_loop import ValveLoop, cache_folder, designed_gains, nominal_volumes_m3
 from softbot.robot import Robot, load_robot
