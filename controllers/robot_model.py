@@ -25,6 +25,8 @@ FloatArray = NDArray[np.float64]
 
 USE_OF_LIMIT = 0.9
 """Share of the pressure limit that rolling uses; the rest is for regulating."""
+LARGEST_DEFAULT_BEND_rad = math.pi
+"""Half a circle: of a C that is closed further the ends come towards each other, and at a full circle it is a ring."""
 _ANGLES, _SIZES = 17, 9
 _FILLING_POINTS = 9
 _QUARTER_RAD = 0.5 * math.pi
@@ -63,10 +65,14 @@ class RobotModel(NamedTuple):
 
 
 def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: float = 0.0) -> RobotModel:
-    """The model of a robot file. bend_rad: of the C to roll with [rad]; None: what every chamber can give."""
+    """The model of a robot file.
+
+    bend_rad: of the C to roll with [rad]; None: what every chamber can give, but at most `LARGEST_DEFAULT_BEND_rad`.
+    """
     law, memory = robot.actuator_law(), robot.actuator_memory()
     if bend_rad is None:
-        curvature = largest_for_all_chambers_1_m(law, USE_OF_LIMIT * robot.max_pressure_Pa, co_contraction_Pa)
+        most = largest_for_all_chambers_1_m(law, USE_OF_LIMIT * robot.max_pressure_Pa, co_contraction_Pa)
+        curvature = min(most, LARGEST_DEFAULT_BEND_rad / robot.length_m)
     else:
         curvature = bend_rad / robot.length_m
     largest = 1.25 * curvature

@@ -152,7 +152,10 @@ class SequencerTable(pydantic.BaseModel):
     detection: bool = Field(True, description="find faults; false: none is found, and none answered")
     start_s: float = Field(0.5, ge=0, le=1e6, description="when the order is given, in seconds")
     bend_rad: float | None = Field(
-        None, gt=0, le=6.0, description="bend of the C, in radians; default: what the pressure limit allows"
+        None,
+        gt=0,
+        le=6.0,
+        description="bend of the C, in radians; default: what the pressure limit allows, at most half a circle",
     )
     lead_rad: float = Field(
         0.8, gt=0, le=math.pi / 2, description="largest lead of the curvature ahead of the C, in radians"
