@@ -26,7 +26,7 @@ _REMEDY = {
     "dead_band_Pa": "add points at low pressure, where the bend begins",
     "length_m": "add rows without pressure, or give the length",
 }
-_PLAIN = {
+PLAIN = {
     "modulus": "the modulus",
     "stiffening": "the stiffening",
     "limit": "the limit of the stretch",
@@ -37,15 +37,18 @@ _PLAIN = {
     "dead_band": "the dead band",
     "length": "the length at rest",
 }
-_COORDINATE_REMEDY = {
+"""Coordinates in words; every key of `calib.model.BOUNDS`."""
+COORDINATE_REMEDY = {
     "modulus": "measure at more pressures",
     "stiffening": "add points at the highest pressure the robot may see",
     "limit": "add points at the highest pressure the robot may see",
     "radius": "add the lengths, or give the radius",
     "centroid": "add rows with several chambers at once",
     "gain": "pressurise each chamber alone",
+    "turn": "add rows of each chamber alone, with the direction of their bend",
     "length": "add rows without pressure, or give the length",
 }
+"""What to measure where a coordinate is not determined; for the dead band, see `_vague`."""
 
 
 def warnings_of(
@@ -108,13 +111,13 @@ def warnings_of(
 
 def _vague(table: BendTable, fits: list[Fit]) -> list[str]:
     """What the table leaves open, in words: of the chosen fit, and of those that predict as well with more free."""
-    remedy = dict(_COORDINATE_REMEDY)
+    remedy = dict(COORDINATE_REMEDY)
     remedy["dead_band"] = f"add points under {_lowest_driven_Pa(table) / 1e3:.3g} kPa"
     found: list[str] = []
     for fit in fits:
         names = fit.model.coordinates
         scale = np.array([_DEAD_BAND_SCALE if name == "dead_band" else 1.0 for name in names])
-        found += sentences(directions(names, fit.information * np.outer(scale, scale)), _PLAIN, remedy)
+        found += sentences(directions(names, fit.information * np.outer(scale, scale)), PLAIN, remedy)
     return list(dict.fromkeys(found))
 
 

@@ -49,10 +49,11 @@ PLAIN = {
     "residual_time": "the time of the residual strain",
     "modulus": "the modulus",
     "limit": "the limit of the stretch",
+    "stiffening": "the stiffening of the wall",
     "gain": "the chambers' gains",
     "dead_band": "the dead band",
 }
-"""Coordinates in words."""
+"""Coordinates in words; every key of `SCALES`."""
 REMEDY = {
     "filling_time": "add steps up and down at full valve",
     "venting_time": "add steps up and down at full valve",
@@ -65,10 +66,11 @@ REMEDY = {
     "residual_time": "record a minute of rest after a release",
     "modulus": "add holds at intermediate pressures",
     "limit": "add a hold at a third of the largest pressure and one at two thirds",
+    "stiffening": "add a hold at a third of the largest pressure and one at two thirds",
     "gain": "drive each chamber alone",
     "dead_band": "add slow ramps from zero",
 }
-"""What to measure where a coordinate is not determined."""
+"""What to measure where a coordinate is not determined; every key of `SCALES`."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import calib
+from calib.advice import COORDINATE_REMEDY, PLAIN
 from calib.design import next_rows
 from calib.fit import calibrate_table
 from calib.identifiability import directions, sentences
+from calib.model import BOUNDS
 from calib.model_choice import Geometry
 from calib.robust_fit import observations
 from calib.table import read_table
@@ -31,6 +33,11 @@ def test_a_direction_that_is_not_seen_is_named_with_its_parts() -> None:
     assert "the dead band" in said[0]
     assert "the gain" in said[0]
     assert said[0].endswith("add points under 20 kPa")
+
+
+def test_every_coordinate_has_words_and_a_remedy() -> None:
+    assert set(PLAIN) == set(BOUNDS)
+    assert {*COORDINATE_REMEDY, "dead_band"} == set(BOUNDS)  # the dead band's depends on the table
 
 
 def test_what_is_seen_well_is_not_mentioned() -> None:

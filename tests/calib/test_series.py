@@ -10,10 +10,18 @@ import pytest
 import calib
 from calib.model_choice import Geometry
 from calib.recording import Trial, trials_of
-from calib.series_calibration import autocorrelation_time, calibrate_recording, materials_of, transfers
+from calib.series_calibration import (
+    MATERIALS_TRIED,
+    PLAIN,
+    REMEDY,
+    autocorrelation_time,
+    calibrate_recording,
+    materials_of,
+    transfers,
+)
 from calib.series_choice import LADDER, USUAL, choose_series, scaled_error
 from calib.series_fit import fit_series, relative_error, starts_of
-from calib.series_model import SeriesModel
+from calib.series_model import PARTS, SeriesModel
 from calib.series_prediction import SeriesPrediction
 from calib.table import read_rows
 from softbot.errors import InputError
@@ -37,6 +45,13 @@ def made(trial: Trial, one: SeriesModel, theta: np.ndarray, noise_deg: float = 0
     """The trial's pressures with the bends of a known robot."""
     noise = math.radians(noise_deg) * np.random.default_rng(seed).standard_normal(len(trial.t_s))
     return replace(trial, bend_rad=SeriesPrediction(one, theta).bend_rad(trial) + noise)
+
+
+@pytest.mark.parametrize("material", [*MATERIALS_TRIED, "mooney-rivlin"])
+def test_every_coordinate_has_words_and_a_remedy(material: str) -> None:
+    for name in model(tuple(PARTS), material, groups=((0,), (2,))).coordinates:
+        assert PLAIN[name]
+        assert REMEDY[name]
 
 
 @pytest.mark.parametrize("material", ["gent", "yeoh", "neo-hookean"])
