@@ -1,7 +1,9 @@
 """The table's own repeat error: how far apart rows are that should be equal.
 
-Rows are repeats of each other when they have the same branch and the same `setpoint` label; in a table without
-labels, when their pressures agree within 1 % of the largest one. The pooled error is √(Σ |y − ȳ|² / (n − groups))
+Rows are repeats of each other when they are the same experimental condition. That is the same branch and the same
+`setpoint` label (in a table without labels: pressures that agree within 1 % of the largest one), and the same history:
+an unloading row, and one without pressure, stays bent by what was released before it, so the loading hold before it in
+its trial has to be the same condition, too. The pooled error is √(Σ |y − ȳ|² / (n − groups))
 over the rows y of all groups ȳ of two and more, bends as vectors where the direction was measured.
 """
 
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from calib.bend_table import BendTable, FloatArray
 
 _TOLERANCE = 0.01  # of the largest pressure
+_UNLOADED = 0.02  # of the largest pressure: less is none
 _MOST_COMPARED = 5000  # rows that are compared one by one; in longer tables pressures are rounded instead
 
 
@@ -32,6 +35,31 @@ class RepeatError:
 
 def repeat_groups(table: BendTable) -> NDArray[np.int_]:
     """A number for each row, shape (n,), equal for rows that repeat each other."""
+    same = _same_hold(table)
+    before = _hold_before(table)
+    alone = -2 - np.arange(len(table))
+    trusted = table.loading | (table.setpoint != "")  # of an unloading row without a label the history has to be known
+    return joined([same, np.where(before >= 0, same[before], np.where(trusted, -1, alone))])
+
+
+def _hold_before(table: BendTable) -> NDArray[np.int_]:
+    """The last loading row with pressure before each row of its trial whose bend remembers it, shape (n,); −1: none.
+
+    Rows that were loaded to a pressure forget what was before.
+    """
+    highest_Pa = np.max(table.pressure_Pa, axis=1)
+    driven = highest_Pa > _UNLOADED * float(np.max(highest_Pa))
+    order = np.lexsort([table.line, table.trial])
+    position = np.where((table.loading & driven)[order], np.arange(len(table)), -1)
+    last = np.maximum.accumulate(position)
+    before = np.empty(len(table), dtype=int)
+    before[order] = np.where(last >= 0, order[last], -1)
+    known = (before >= 0) & (table.trial[before] == table.trial) & ~(table.loading & driven)
+    return np.where(known, before, -1)
+
+
+def _same_hold(table: BendTable) -> NDArray[np.int_]:
+    """A number for each row, shape (n,), equal for rows of one branch and one label or pressure."""
     if np.any(table.setpoint != ""):
         alone = np.where(table.setpoint == "", table.line, 0)
         keys = [table.setpoint, table.loading, alone]

@@ -212,7 +212,7 @@ def _show(console: Console, calibration: Calibration | SeriesCalibration) -> Non
     console.print(_trials(report) if recorded else _errors(report))
     if not recorded and report["lack_of_fit_p"] is not None:
         verdict = "more than the repeats explain" if report["lack_of_fit_p"] < 0.05 else "no more than repeats differ"
-        console.print(f"lack-of-fit test (F, bends and lengths together): p = {report['lack_of_fit_p']:.2f}, {verdict}")
+        console.print(f"lack-of-fit test (F, bends and lengths together): p = {report['lack_of_fit_p']:.2g}, {verdict}")
     for text in report["assumptions"]:
         console.print(f"assumed: {text}", style="dim", markup=False, highlight=False)
     for text in report["warnings"]:

@@ -50,6 +50,49 @@ def test_labels_of_setpoints_stand_before_pressures(tmp_path: Path) -> None:
     assert groups[2] != groups[3]
 
 
+def cycles(labels: bool) -> str:
+    """Two chambers loaded to two pressures and released, each twice."""
+    text = "trial,branch,pressure_0_kPa,pressure_1_kPa,bend_deg" + (",setpoint\n" if labels else "\n")
+    for run in range(2):
+        for chamber in range(2):
+            for load in (60, 90):
+                for branch, p in (("loading", 0), ("loading", load), ("unloading", 0)):
+                    pressures = f"{p},0" if chamber == 0 else f"0,{p}"
+                    label = f",{pressures.replace(',', '-')}" if labels else ""
+                    text += f"{run}-{chamber}-{load},{branch},{pressures},{p / 3 + chamber + run / 10}{label}\n"
+    return text
+
+
+@pytest.mark.parametrize("labels", [False, True])
+@pytest.mark.parametrize("long", [False, True])
+def test_releases_are_repeats_after_the_same_load_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, labels: bool, long: bool
+) -> None:
+    if long:
+        monkeypatch.setattr(repeats, "_MOST_COMPARED", 5)
+    read = read_table(table(tmp_path, cycles(labels)))
+    groups = repeat_groups(read)
+    start, loaded, released = groups[0::3], groups[1::3], groups[2::3]
+    assert len(set(start)) == 1  # each trial begins afresh
+    for kind in (loaded, released):
+        assert len(set(kind)) == 4  # chamber and load
+        np.testing.assert_array_equal(kind[:4], kind[4:])
+    assert len({*start, *loaded, *released}) == 9
+
+
+def test_rests_between_loads_of_one_trial_remember_what_was_driven(tmp_path: Path) -> None:
+    text = "pressure_0_kPa,pressure_1_kPa,bend_deg\n0,0,0\n90,0,30\n0,0,4\n0,90,31\n0,0,3.9\n90,0,30.5\n0,0,4.1\n"
+    groups = repeat_groups(read_table(table(tmp_path, text)))
+    assert groups[1] == groups[5]
+    assert groups[2] == groups[6]
+    assert len({*groups[[0, 1, 2, 3, 4]]}) == 5
+
+
+def test_an_unloading_row_without_its_load_repeats_nothing(tmp_path: Path) -> None:
+    text = "pressure_kPa,bend_deg,branch\n50,18,unloading\n50,19,unloading\n90,30,loading\n50,21,unloading\n"
+    assert len(set(repeat_groups(read_table(table(tmp_path, text))))) == 4
+
+
 def test_long_tables_are_grouped_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "pressure_kPa,bend_deg\n" + "".join(
         f"{level},{level / 3 + n}\n" for level in (30, 60, 100) for n in range(4)
