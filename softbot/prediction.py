@@ -2,6 +2,9 @@
 
 The band holds with 95 % by the library's own account of its stiffness (`softbot.silicone`); geometry is taken as
 stated. A wall that is s times stiffer bends under p as this one under p/s, so the band costs no other law.
+
+Of a robot with a memory each point is loaded once, from rest, and held until nothing creeps any more: what its wall
+feels then bends it, as in `softbot inverse` and in a twin that comes to rest.
 """
 
 from __future__ import annotations
@@ -19,6 +22,8 @@ from softbot.robot import Robot
 FloatArray = NDArray[np.float64]
 
 _QUANTILE = 1.96  # of the normal distribution: 95 % lie within
+HELD_S = 1e6
+"""Long enough for any creep to end [s]."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +56,12 @@ def predict(
         )
     law = robot.actuator_law()
     pressure = np.linspace(0.0, most_Pa, points)
+    felt = _felt_Pa(robot, pressure, chambers)
 
     def at(stiffer: float) -> tuple[FloatArray, FloatArray]:
         """Bend and length with a wall `stiffer` times as stiff; the dead band, which is no wall's, stays."""
-        rows = np.zeros((points, CHAMBERS))
-        above = np.maximum(pressure - law.dead_band_Pa, 0.0) / stiffer
-        rows[:, list(chambers)] = np.where(above > 0.0, above + law.dead_band_Pa, 0.0)[:, None]
-        strain, _ = law.equilibria(rows)
+        above = np.maximum(felt - law.dead_band_Pa, 0.0) / stiffer
+        strain, _ = law.equilibria(np.where(above > 0.0, above + law.dead_band_Pa, 0.0))
         return robot.length_m * np.hypot(strain[:, 1], strain[:, 2]), robot.length_m * strain[:, 0]
 
     bend, length = at(1.0)
@@ -66,3 +70,14 @@ def predict(
         return Prediction(pressure, bend, length, None, None, None, None)
     (bend_low, length_low), (bend_high, length_high) = (at(math.exp(sign * _QUANTILE * spread)) for sign in (1, -1))
     return Prediction(pressure, bend, length, bend_low, bend_high, length_low, length_high)
+
+
+def _felt_Pa(robot: Robot, pressure_Pa: FloatArray, chambers: tuple[int, ...]) -> FloatArray:
+    """What the wall feels of n pressures, shape (n,), held in `chambers`: shape (n, 4) [Pa]."""
+    rows = np.zeros((len(pressure_Pa), CHAMBERS))
+    rows[:, list(chambers)] = pressure_Pa[:, None]
+    memory = robot.actuator_memory()
+    if memory is None:
+        return rows
+    rest = memory.rest()
+    return np.array([memory.felt_at(rest, row, HELD_S) for row in rows])

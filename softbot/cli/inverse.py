@@ -64,12 +64,13 @@ def _asked(
 
     from controllers.compensation import Compensator
     from softbot.cross_section import CHAMBERS
+    from softbot.prediction import HELD_S
 
     size, angle = math.radians(bend_deg) / robot.length_m, math.radians(direction_deg)
     compensator = Compensator(robot.actuator_law(), robot.actuator_memory())
     found = compensator.pressures(
         [size * math.cos(angle), size * math.sin(angle)],
-        dt_s=1e6,  # held until nothing creeps any more
+        dt_s=HELD_S,
         limit_Pa=robot.max_pressure_Pa,
         available=[chamber not in dead for chamber in range(CHAMBERS)],
         stretch=None if length_mm is None else 1e-3 * length_mm / robot.length_m,

@@ -58,6 +58,8 @@ def predict(
         if array is not None:
             columns[name] = array * factor
     basis = f"predicted from geometry and {one.material}" if one.material else "the robot file's own law; no band"
+    if one.actuator_memory() is not None:
+        basis += "; through its memory: loaded once from rest and held"
     if plot is not None:
         _save(plot, found, f"{one.name}: {basis}", chambers)
     if json:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controllers.compensation import Compensator
 from softbot.cross_section import default_cross_section
 from softbot.errors import InputError
 from softbot.prediction import predict
@@ -99,6 +100,36 @@ def test_dead_band_is_no_matter_of_stiffness() -> None:
     for bend in (found.bend_rad, found.bend_low_rad, found.bend_high_rad):
         np.testing.assert_allclose(bend[still], 0.0, atol=1e-12)
         assert np.all(bend[~still] > 0.0)
+
+
+MEMORY = {
+    "hysteresis": {"thresholds_Pa": [5e3, 2e4], "weights": [0.2, 0.1]},
+    "creep": {"shares": [0.1], "times_s": [2.0]},
+}
+
+
+def test_prediction_is_what_the_memory_lets_the_wall_feel_at_rest() -> None:
+    robot = robot_from({**load_robot("default").table(), "memory": MEMORY}, "r.toml")
+    memory = robot.actuator_memory()
+    assert memory is not None
+    found = predict(robot, (1,), 5e4, points=6)
+    for n, most_Pa in enumerate(found.pressure_Pa):
+        t_s = np.linspace(0.0, 300.0, 3001)
+        slowly = np.zeros((len(t_s), 4))
+        slowly[:, 1] = np.minimum(t_s / 10.0, 1.0) * most_Pa
+        strain, _ = robot.actuator_law().equilibria(memory.run(t_s, slowly)[-1:])
+        assert found.bend_rad[n] == pytest.approx(robot.length_m * math.hypot(*strain[0, 1:]), rel=1e-6, abs=1e-12)
+    without = predict(load_robot("default"), (1,), 5e4, points=6)
+    assert abs(found.bend_rad[-1] / without.bend_rad[-1] - 1.0) > 0.02
+
+
+def test_prediction_and_inverse_agree_on_a_robot_with_memory() -> None:
+    robot = robot_from({**load_robot("default").table(), "memory": MEMORY}, "r.toml")
+    found = predict(robot, (2,), 5e4, points=2)
+    compensator = Compensator(robot.actuator_law(), robot.actuator_memory())
+    curvature = found.bend_rad[-1] / robot.length_m
+    inverse = compensator.pressures([curvature, 0.0], dt_s=1e6, limit_Pa=1e5)
+    np.testing.assert_allclose(inverse.pressure_Pa, [0.0, 0.0, 5e4, 0.0], atol=1.0)
 
 
 def test_calibrated_robot_has_a_curve_without_a_band_and_wrong_questions_are_refused() -> None:
