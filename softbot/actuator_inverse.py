@@ -13,6 +13,8 @@ from softbot.kernel_compiler import kernel, part
 FloatArray = NDArray[np.float64]
 
 _STRAIGHT_1_M = 1e-6
+_ROUNDING = 1e-9
+"""Of the largest load: a chamber that is to bear less is not used."""
 _LOOKED_AT = 8  # stretches between the shortest tube and the longest
 
 
@@ -311,10 +313,17 @@ def _loaded(
     extra: FloatArray,
     pressure_Pa: FloatArray,
 ) -> None:
-    """Chamber pressures (4,) of what loads the wall: a chamber at its least is left there."""
+    """Chamber pressures (4,) of what loads the wall: a chamber at its least is left there.
+
+    So is one that round-off asks for (a bend along a chamber's own axis has some of the next one's, too): it would be
+    filled up to its dead band for nothing.
+    """
+    largest_Pa = 0.0
+    for i in range(load.shape[1]):
+        largest_Pa = max(largest_Pa, least_load_Pa[i] + extra[i])
     for i in range(load.shape[1]):
         pressure_Pa[i] = least_Pa[i]
-        if extra[i] > 0.0:
+        if extra[i] > _ROUNDING * largest_Pa:
             pressure_Pa[i] = max(least_Pa[i], min(least_load_Pa[i] + extra[i] + dead_band_Pa, most_Pa[i]))
 
 

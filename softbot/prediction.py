@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 _QUANTILE = 1.96  # of the normal distribution: 95 % lie within
 HELD_S = 1e6
 """Long enough for any creep to end [s]."""
+FULL_CIRCLE_DEG = 360.0
+"""Bend at which the ends of the arc touch: laws of a section know nothing of it, robots bend no further."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,15 @@ class Prediction:
     bend_high_rad: FloatArray | None
     length_low_m: FloatArray | None
     length_high_m: FloatArray | None
+
+    @property
+    def full_circle_Pa(self) -> float | None:
+        """Pressure at which the arc closes to a full circle, in proportion between its neighbours; None: never."""
+        beyond = np.flatnonzero(self.bend_rad >= math.radians(FULL_CIRCLE_DEG))
+        if not beyond.size:
+            return None
+        near = slice(int(beyond[0]) - 1, int(beyond[0]) + 1)  # the first point is without pressure and bend
+        return float(np.interp(math.radians(FULL_CIRCLE_DEG), self.bend_rad[near], self.pressure_Pa[near]))
 
 
 def predict(

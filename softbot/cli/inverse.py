@@ -12,10 +12,12 @@ from softbot.cli.options import Json
 if TYPE_CHECKING:
     from softbot.robot import Robot
 
+_ROUNDING = 1e-9  # of a bend: a component below is none, and its sign has nothing to say
+
 
 def inverse(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (TOML), or default.")],
-    bend_deg: Annotated[float, typer.Option(help="Wanted bend.")] = 30.0,
+    bend_deg: Annotated[float, typer.Option(help="Wanted bend, less than a full circle.")] = 30.0,
     direction_deg: Annotated[
         float, typer.Option(help="Body angle of the inner side of the C; chamber 0 lies at 0, chamber 1 at 90.")
     ] = 0.0,
@@ -33,12 +35,17 @@ def inverse(
 
     from softbot.cross_section import CHAMBERS
     from softbot.errors import InputError
+    from softbot.prediction import FULL_CIRCLE_DEG
     from softbot.robot import robot_from, robot_table
     from softbot.toml_file import override
 
     for option, value in (("--bend-deg", bend_deg), ("--direction-deg", direction_deg), ("--length-mm", length_mm)):
         if value is not None and not math.isfinite(value):
             raise InputError(f"{option} {value:g}: give a finite number")
+    if not abs(bend_deg) < FULL_CIRCLE_DEG:
+        raise InputError(
+            f"--bend-deg {bend_deg:g}: at {FULL_CIRCLE_DEG:g} the arc is a full circle, whose ends touch; give less"
+        )
     unusable = tuple(dict.fromkeys(dead or ()))
     if any(chamber not in range(CHAMBERS) for chamber in unusable):
         raise InputError(f"--dead {list(unusable)}: name chambers of 0 to {CHAMBERS - 1}")
@@ -51,6 +58,8 @@ def inverse(
         _show_check(answer)
     else:
         for key, value in answer.items():
+            if value is None:  # nothing was asked of it
+                continue
             shown = ", ".join(f"{each:.2f}" for each in value) if isinstance(value, list) else value
             typer.echo(f"{key}: {f'{shown:.2f}' if isinstance(shown, float) else shown}")
 
@@ -76,13 +85,14 @@ def _asked(
         stretch=None if length_mm is None else 1e-3 * length_mm / robot.length_m,
     )
     bend = robot.length_m * found.curvature_1_m
+    bend = np.where(np.abs(bend) > _ROUNDING * np.hypot(*bend), bend, 0.0)
     return {
         "pressure_kPa": [float(one) for one in found.pressure_Pa / 1e3],
         "bend_deg": math.degrees(float(np.hypot(*bend))),
         "direction_deg": math.degrees(math.atan2(bend[1], bend[0])),
         "length_mm": 1e3 * robot.length_m * found.stretch,
         "bend_reached": found.reached,
-        "length_reached": found.stretch_reached,
+        "length_reached": None if length_mm is None else found.stretch_reached,
     }
 
 

@@ -60,11 +60,14 @@ def predict(
     basis = f"predicted from geometry and {one.material}" if one.material else "the robot file's own law; no band"
     if one.actuator_memory() is not None:
         basis += "; through its memory: loaded once from rest and held"
+    closed_Pa = found.full_circle_Pa
     if plot is not None:
         _save(plot, found, f"{one.name}: {basis}", chambers)
     if json:
         listed = {name: [float(f"{value:.6g}") for value in values] for name, values in columns.items()}
-        print(json_format.dumps({"robot": one.name, "basis": basis, "chambers": list(chambers), **listed}))
+        closed = None if closed_Pa is None else float(f"{closed_Pa / 1e3:.4g}")
+        about = {"robot": one.name, "basis": basis, "chambers": list(chambers), "full_circle_kPa": closed}
+        print(json_format.dumps(about | listed))
         return
     from rich.console import Console
     from rich.table import Table
@@ -76,6 +79,11 @@ def predict(
     for row in zip(*columns.values(), strict=True):
         shown.add_row(*(f"{value:.1f}" for value in row))
     Console().print(shown)
+    if closed_Pa is not None:
+        typer.echo(
+            f"beyond {closed_Pa / 1e3:.3g} kPa the arc is more than a full circle: the robot's ends touch before, "
+            "and it bends no further"
+        )
     if plot is not None:
         typer.echo(f"plot: {plot}")
 

@@ -23,6 +23,20 @@ def test_pressures_for_a_bend_and_a_length(softbot: Any) -> None:
     assert "pressure_kPa: 0.00, 0.00, 0.00, 0.00" in shown.stdout
 
 
+@pytest.mark.parametrize("chamber", range(4))
+def test_a_bend_along_an_axis_takes_one_chamber(softbot: Any, chamber: int) -> None:
+    towards = ("--bend-deg", 30, "--direction-deg", 90 * chamber - 180, "--set", "actuator.dead_band_Pa=3000")
+    answer = json.loads(softbot("inverse", "default", *towards, "--json").stdout)
+    assert answer["bend_deg"] == pytest.approx(30.0, abs=0.01)
+    assert [n for n, one in enumerate(answer["pressure_kPa"]) if one != 0.0] == [chamber]
+    assert answer["direction_deg"] == pytest.approx((180.0, -90.0, 0.0, 90.0)[chamber], abs=1e-6)
+    assert answer["length_reached"] is None
+    shown = softbot("inverse", "default", *towards).stdout
+    assert "length_mm: " in shown
+    assert "length_reached" not in shown  # no length was asked for
+    assert "-0.00" not in shown
+
+
 def test_check_prints_errors_within_the_bounds_that_are_promised(softbot: Any) -> None:
     answer = json.loads(softbot("inverse", "default", "--check", "--json").stdout)
     assert {tuple(one["dead"]) for one in answer["workspace"]} >= {(), (0,), (1,), (2,), (3,), (0, 2)}
@@ -43,6 +57,8 @@ def test_check_prints_errors_within_the_bounds_that_are_promised(softbot: Any) -
     [
         (("--dead", 4), "name chambers of 0 to 3"),
         (("--bend-deg", "nan"), "--bend-deg nan: give a finite number"),
+        (("--bend-deg", 360), "--bend-deg 360: at 360 the arc is a full circle"),
+        (("--bend-deg", -400), "--bend-deg -400: at 360 the arc is a full circle"),
         (("--direction-deg", "inf"), "--direction-deg inf: give a finite number"),
         (("--length-mm", 0), "stretch = 0"),
         (("--set", "actuator.gains=[1, 1]"), "actuator.gains"),

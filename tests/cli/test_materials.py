@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 NEW = 'name = "new"\nlength_m = 0.15\nradius_m = 0.012\nmaterial = "Dragon Skin 30"\n'
@@ -47,6 +48,25 @@ def test_calibrated_robot_has_no_band(softbot: Any) -> None:
     answer = json.loads(softbot("predict", "default", "--json").stdout)
     assert "no band" in answer["basis"]
     assert "bend_low_deg" not in answer
+    assert answer["full_circle_kPa"] is None
+
+
+def test_prediction_says_where_the_arc_closes(softbot: Any) -> None:
+    arguments = ("predict", "default", "--max-pressure-kPa", 95, "--set", "actuator.modulus_Pa=10000")
+    answer = json.loads(softbot(*arguments, "--json").stdout)
+    assert np.interp(answer["full_circle_kPa"], answer["pressure_kPa"], answer["bend_deg"]) == pytest.approx(
+        360.0, 1e-3
+    )
+    assert answer["bend_deg"][-1] > 360.0
+    assert (
+        f"beyond {answer['full_circle_kPa']:.3g} kPa the arc is more than a full circle" in softbot(*arguments).stdout
+    )
+
+
+def test_prediction_of_a_robot_with_memory_says_so(softbot: Any) -> None:
+    memory = "memory.creep={shares = [0.1], times_s = [2.0]}"
+    answer = json.loads(softbot("predict", "default", "--set", memory, "--json").stdout)
+    assert "through its memory" in answer["basis"]
 
 
 @pytest.mark.parametrize(

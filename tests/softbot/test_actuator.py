@@ -391,6 +391,18 @@ def test_every_direction_is_reached_up_to_the_pressure_limit(
     np.testing.assert_array_equal(exact, found.pressure_Pa)
 
 
+@pytest.mark.parametrize("co_contraction_Pa", [0.0, 1e3, 10e3])
+@pytest.mark.parametrize("chamber", range(4))
+def test_a_chamber_that_round_off_asks_for_is_not_filled(chamber: int, co_contraction_Pa: float) -> None:
+    tube = law(dead_band_Pa=3e3, gains=(1.04, 0.99, 0.97, 1.02))
+    angle = CHAMBER_ANGLES_RAD[chamber] + math.pi
+    wanted = 2.0 * np.array([math.cos(angle), math.sin(angle)])  # one component is some 1e-16
+    found = tube.pressures(wanted, limit_Pa=LIMIT_Pa, co_contraction_Pa=co_contraction_Pa)
+    assert found.reached
+    if co_contraction_Pa <= tube.dead_band_Pa:  # above it, unequal gains have others balance each other
+        np.testing.assert_array_equal(np.delete(found.pressure_Pa, chamber), co_contraction_Pa)
+
+
 @settings(max_examples=100)
 @given(tube=laws, dead=st.integers(0, 3), off=st.floats(-math.pi, math.pi))
 def test_one_dead_chamber_leaves_the_half_plane_about_itself(tube: ActuatorLaw, dead: int, off: float) -> None:
