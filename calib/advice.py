@@ -7,13 +7,14 @@ import math
 
 import numpy as np
 
+from calib.assumptions import gains_assumed, limit_assumed, listed, mass_assumed, never_driven, section_assumed
 from calib.bend_table import BendTable
-from calib.calibration import DENSITY_KG_M3, Errors, Estimate
+from calib.calibration import Errors, Estimate
 from calib.identifiability import directions, sentences
 from calib.model import ActuatorModel
 from calib.model_choice import Geometry, gain_groups
 from calib.robust_fit import Fit, Observations
-from softbot.cross_section import CHAMBERS, DEFAULT_CENTROID_RATIO, DEFAULT_CHAMBER_AREA_RATIO
+from softbot.cross_section import CHAMBERS, DEFAULT_CHAMBER_AREA_RATIO
 
 LACK_OF_FIT_PERCENT = 5.0
 _DEAD_BAND_SCALE = 0.15  # of the largest pressure: as much of a dead band as a factor of e of the others
@@ -93,9 +94,7 @@ def warnings_of(
     together = _never_apart(loading)
     if together:
         found.append(f"chambers {together} always had the same pressure: their gains are taken as the mean, 1")
-    still = [i for i in range(CHAMBERS) if np.max(loading.pressure_Pa[:, i]) <= 0.2 * np.max(loading.pressure_Pa)]
-    if still:
-        found.append(f"chamber{'s' if len(still) > 1 else ''} {_list(still)} never driven: gain 1 assumed")
+    found += never_driven(_still(loading))
     if errors.unloading_bend_rad is not None:
         found.append(
             f"{int(np.sum(~table.loading))} unloading rows lie {math.degrees(errors.unloading_bend_rad):.1f}° (rms) "
@@ -177,9 +176,7 @@ def assumptions_of(table: BendTable, model: ActuatorModel, geometry: Geometry) -
     found = []
     if model.material == "mooney-rivlin":
         found.append("the share of the second invariant is 0: under hoop fibres a section cannot feel it")
-    found += [f"each chamber has {DEFAULT_CHAMBER_AREA_RATIO:g} of the section's area (no drawing of the section)"]
-    if "centroid" not in model.free:
-        found.append(f"the chambers' centroids lie at {DEFAULT_CENTROID_RATIO:g} of the radius")
+    found += section_assumed("centroid" in model.free)
     if geometry.length_m is not None:
         found.append(f"length at rest {geometry.length_m:g} m: given")
     elif "length" not in model.free:
@@ -193,11 +190,17 @@ def assumptions_of(table: BendTable, model: ActuatorModel, geometry: Geometry) -
         found.append(f"radius {geometry.radius_m:g} m: given")
     else:
         found.append(f"radius {model.radius_m:.4g} m: assumed, and the modulus with it")
-    if geometry.mass_kg is not None:
-        found.append(f"mass {geometry.mass_kg:g} kg: given")
-    else:
-        found.append(f"mass from a density of {DENSITY_KG_M3:g} kg/m3 and the wall's area")
-    return found
+    found += gains_assumed(_still(table))
+    together = _never_apart(table)
+    if together:
+        found.append(f"gain 1 of chambers {together}, the mean: they always had the same pressure")
+    return [*found, limit_assumed(model.largest_pressure_Pa), mass_assumed(geometry.mass_kg)]
+
+
+def _still(table: BendTable) -> list[int]:
+    """Chambers that were never driven."""
+    highest_Pa = np.max(table.pressure_Pa, axis=0)
+    return [i for i in range(CHAMBERS) if highest_Pa[i] <= 0.2 * np.max(highest_Pa)]
 
 
 def _never_apart(table: BendTable) -> str:
@@ -205,12 +208,4 @@ def _never_apart(table: BendTable) -> str:
     largest_Pa = float(np.max(table.pressure_Pa))
     grouped = set(itertools.chain(*gain_groups(table)))
     driven = [i for i in range(CHAMBERS) if np.max(table.pressure_Pa[:, i]) > 0.2 * largest_Pa and i not in grouped]
-    return _list(driven)
-
-
-def _list(numbers: list[int]) -> str:
-    return (
-        " and ".join(map(str, numbers))
-        if len(numbers) < 3
-        else f"{', '.join(map(str, numbers[:-1]))} and {numbers[-1]}"
-    )
+    return listed(driven)

@@ -22,7 +22,8 @@ ASSUMED_GROWTH_TIME_S = 5.0
 """Of a residual strain that release holds show: they last long against it."""
 ASSUMED_RECOVERY_TIME_S = 300.0
 """Of the same: release holds are short against it."""
-_PRESSURE_RESERVE = 1.1  # of the largest pressure in the table: how far the law is trusted beyond it
+PRESSURE_RESERVE = 1.1
+"""Of the largest pressure in the table: how far the law is trusted beyond it."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ class Calibration:
             "gains": [rounded(gain) for gain in law.gains],
             **({"misalignment_rad": [rounded(angle) for angle in section.misalignment_rad]} if turned else {}),
             "dead_band_Pa": rounded(law.dead_band_Pa),
-            "max_pressure_Pa": rounded_up(_PRESSURE_RESERVE * model.largest_pressure_Pa),
+            "max_pressure_Pa": largest_allowed_Pa(model.largest_pressure_Pa),
         }
         return {
             "schema": ROBOT_SCHEMA,
@@ -280,3 +281,8 @@ def rounded_up(value: float) -> float:
     """Two significant digits, upwards."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / step - 1e-9) * step:.6g}")
+
+
+def largest_allowed_Pa(measured_Pa: float) -> float:
+    """The robot's largest pressure from the table's [Pa]."""
+    return rounded_up(PRESSURE_RESERVE * measured_Pa)

@@ -16,14 +16,23 @@ from typing import Any
 
 import numpy as np
 
+from calib.assumptions import gains_assumed, limit_assumed, mass_assumed, never_driven, section_assumed
 from calib.bend_table import BendTable, FloatArray
-from calib.calibration import DAMPING_TIME_S, DENSITY_KG_M3, Estimate, numbers_provenance, rounded, rounded_up
+from calib.calibration import (
+    DAMPING_TIME_S,
+    DENSITY_KG_M3,
+    Estimate,
+    largest_allowed_Pa,
+    numbers_provenance,
+    rounded,
+)
 from calib.identifiability import Direction, directions, sentences
 from calib.model_choice import Geometry
 from calib.recording import Trial, trials_of
 from calib.series_choice import Choice, LeftOut, choose_series, scaled_error
 from calib.series_fit import SeriesFit, relative_error, trial_weights
-from calib.series_model import RECOVERY_TIME_S, SeriesModel
+from calib.series_model import CRITICAL_RATIO, RECOVERY_TIME_S, SeriesModel
+from softbot.cross_section import CHAMBERS
 from softbot.errors import InputError
 from softbot.robot import ROBOT_SCHEMA, Robot
 from softbot.toml_file import check
@@ -31,7 +40,6 @@ from softbot.toml_file import check
 MATERIALS_TRIED = ("gent", "yeoh", "neo-hookean", "linear")
 _ASSUMED_LENGTH_M = 0.15
 _ASSUMED_SLENDERNESS = 15.0
-_PRESSURE_RESERVE = 1.1
 _NOISE_DRAWS = 12
 _NEXT = 3  # directions that the advice is about
 GRID_ERROR = 0.012
@@ -145,7 +153,7 @@ class SeriesCalibration:
             "chamber_centroid_radius_m": rounded(section.chamber_centroid_radius_m),
             "gains": [rounded(gain) for gain in law.gains],
             "dead_band_Pa": rounded(law.dead_band_Pa),
-            "max_pressure_Pa": rounded_up(_PRESSURE_RESERVE * model.largest_pressure_Pa),
+            "max_pressure_Pa": largest_allowed_Pa(model.largest_pressure_Pa),
         }
         memory = {
             part: {key: _plain(value) for key, value in values.items()}
@@ -252,16 +260,25 @@ def calibrate_recording(
     parameters = estimates_of(fit.model, fit.theta, covariance)
     found = directions(fit.model.coordinates, information)
     warnings = [*notes, *sentences(found, PLAIN, REMEDY, "this recording"), *_warnings(trials, choice)]
-    if "residual" in fit.model.parts:
-        assumptions.append(f"residual strain recovers within {RECOVERY_TIME_S:g} s: assumed")
-    assumptions.append("a robot that starts bent towards a driven chamber's inner side still feels its last load")
-    if geometry.mass_kg is not None:
-        assumptions.append(f"mass {geometry.mass_kg:g} kg: given")
-    else:
-        assumptions.append(f"mass from a density of {DENSITY_KG_M3:g} kg/m3 and the wall's area")
+    still = [i for i in range(CHAMBERS) if not any(i in trial.driven for trial in trials)]
+    warnings += never_driven(still)
+    assumptions += [*_memory_assumed(fit.model), *section_assumed(centroid_fitted=False), *gains_assumed(still)]
+    assumptions += [limit_assumed(fit.model.largest_pressure_Pa), mass_assumed(geometry.mass_kg)]
     return SeriesCalibration(
         table, tuple(trials), choice, parameters, tuple(assumptions), tuple(warnings), geometry.mass_kg, _next(found)
     )
+
+
+def _memory_assumed(model: SeriesModel) -> list[str]:
+    """What the memory has that is not fitted."""
+    found = []
+    if "line" in model.parts:
+        found.append(f"the line's critical pressure ratio is {CRITICAL_RATIO:g}")
+    if "hysteresis" in model.parts:
+        found.append("the hysteresis is the same up and down, its plays equal and evenly spaced")
+    if "residual" in model.parts:
+        found.append(f"residual strain recovers within {RECOVERY_TIME_S:g} s: assumed")
+    return [*found, "a robot that starts bent towards a driven chamber's inner side still feels its last load"]
 
 
 def transfers(table: BendTable, geometry: Geometry | None = None, law: str = "auto") -> list[Transfer]:

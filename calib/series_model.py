@@ -31,7 +31,7 @@ PLAYS = 6
 RECOVERY_TIME_S = 300.0
 """Of the residual strain: assumed, recordings of half a minute say nothing of it."""
 _REFERENCE_PRESSURE_PA = 1e5  # of ISO 6358: turns a conductance over a volume into a rate
-_CRITICAL_RATIO = 0.2
+CRITICAL_RATIO = 0.2
 
 # name: (lowest, highest, start); times in s, pressures over the largest, the others are shares or ratios
 SCALES: dict[str, tuple[float, float, float]] = {
@@ -124,7 +124,7 @@ class SeriesModel:
                 per_time / of("filling_time"),
                 per_time / of("venting_time"),
                 of("growth") / largest_Pa if "growth" in self.parts else 0.0,
-                _CRITICAL_RATIO,
+                CRITICAL_RATIO,
             )
         if "hysteresis" in self.parts:
             widest_Pa = of("hysteresis_width") * largest_Pa

@@ -222,6 +222,8 @@ def test_two_rows_give_a_modulus_and_a_word_of_caution() -> None:
     assert any("only 2 measured numbers" in text for text in found.warnings)
     assert any("never driven" in text for text in found.warnings)
     assert any("assumed: the table has no lengths" in text for text in found.assumptions)
+    assert "gain 1 of chambers 1, 2 and 3: never driven" in found.assumptions
+    assert "largest pressure 66 kPa: assumed, 1.1 times the table's highest, rounded up" in found.assumptions
 
 
 def test_more_parameters_than_numbers_are_called_undetermined() -> None:

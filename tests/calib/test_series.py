@@ -147,6 +147,27 @@ def test_shipped_trials_together_make_a_robot_with_memory() -> None:
         np.testing.assert_allclose(again, fit.prediction.bend_rad(straight), atol=math.radians(0.1))
 
 
+def test_what_a_recording_does_not_tell_is_listed_as_assumed(tmp_path: Path) -> None:
+    lines = SERIES.read_text(encoding="utf-8").splitlines()
+    others = tuple(f"{name}," for name in ("apr4_1", "apr4_3", "apr4_4"))
+    alone = tmp_path / "one.csv"
+    alone.write_text("\n".join(line for line in lines if not line.startswith(others)), encoding="utf-8")
+    calibration = calibrate_recording(read_rows(alone), ARM, law="linear", quick=True)
+    assert {trial.driven for trial in calibration.trials} == {(2,)}
+    table = calibration.robot_table("arm")
+    said = [text for key, text in table["provenance"].items() if key.startswith("assumption")]
+    assert said == list(calibration.assumptions)
+    for text in (
+        "gain 1 of chambers 0, 1 and 3: never driven",
+        "each chamber has 0.12 of the section's area (no drawing of the section)",
+        "the chambers' centroids lie at 0.55 of the radius",
+        f"largest pressure {table['actuator']['max_pressure_Pa'] / 1e3:g} kPa: assumed, 1.1 times the table's highest, "
+        "rounded up",
+    ):
+        assert text in said
+    assert "chambers 0, 1 and 3 never driven: gain 1 assumed" in calibration.warnings
+
+
 def test_rows_that_follow_each_other_count_for_less() -> None:
     rng = np.random.default_rng(1)
     white = rng.standard_normal(4000)
