@@ -62,9 +62,8 @@ def draw_table(calibration: Calibration) -> Figure:
     subtitle = f"{calibration.law}; bend: rms {report['rms_bend_percent']:.1f} %, leave-one-out " + (
         f"{report['loo_bend_percent']:.1f} %" + (f", repeats {repeats:.1f} %" if repeats is not None else "")
     )
-    figure.suptitle(
-        f"{Path(table.source).parent.name}/{Path(table.source).name}\n{subtitle} of full scale", fontsize=10
-    )
+    name = Path(*Path(table.source).parts[-2:]).as_posix()  # with its folder, where one was given
+    figure.suptitle(f"{name}\n{subtitle} of full scale", fontsize=10)
     return figure
 
 

@@ -1,12 +1,13 @@
 """The picture of a calibration: written, in each format, for few and for many combinations of chambers."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import calib
-from calib.figure import save_figure
+from calib.figure import draw_table, save_figure
 from calib.fit import calibrate_table
 from calib.model_choice import Geometry
 from calib.table import read_table
@@ -29,6 +30,21 @@ def test_rows_at_rest_and_many_combinations_are_drawn(tmp_path: Path, make_table
     table = read_table(make_table(mixed, noise_deg=0.2, columns=("direction", "length"), seed=1))
     save_figure(calibrate_table(table, law="linear"), tmp_path / "mixed.png")
     assert (tmp_path / "mixed.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("source", "title"),
+    [
+        ("psi.csv", "psi.csv"),
+        ("./psi.csv", "psi.csv"),
+        ("lab/psi.csv", "lab/psi.csv"),
+        ("/a/lab/psi.csv", "lab/psi.csv"),
+    ],
+)
+def test_title_is_the_table_with_the_folder_that_was_given(source: str, title: str) -> None:
+    table = replace(read_table(SHIPPED), source=source)
+    figure = draw_table(calibrate_table(table, Geometry(length_m=0.134), law="linear"))
+    assert figure.get_suptitle().splitlines()[0] == title
 
 
 def test_unknown_formats_and_places_are_refused(tmp_path: Path) -> None:
