@@ -69,17 +69,31 @@ def spoken_time(t_s: float) -> str:
 
 def _before(recording: Recording, until_s: float) -> list[str]:
     start_s = float(recording.t_s[0])
-    turned = abs(turned_rev(recording, start_s, until_s))
+    turned = turned_rev(recording, start_s, until_s)
     if not recording.has_ground:
-        return [f"floating without ground, turned {_revolutions(turned)} about its own axis"]
-    if turned < STILL_REV:
+        return [f"floating without ground, turned {_revolutions(abs(turned))} about its own axis"]
+    if abs(turned) < STILL_REV:
         return [f"did not roll for {spoken_time(until_s - start_s)}"]
-    command = recording.table("sequencer").get("command") if recording.drive_kind == "sequencer" else None
-    direction = f" {command}" if command in ("left", "right") else ""
-    clauses = [f"rolled {_revolutions(turned)}{direction}"]
+    clauses = [f"rolled {_revolutions(abs(turned))}{_way(recording, turned)}"]
     if not recording.events("faults"):
-        clauses.append(f"moved {100.0 * _moved_m(recording):.3g} cm across the floor")
+        moved_m = _moved_m(recording)
+        far = f"{100.0 * moved_m:.3g} cm" if moved_m < 9.995 else f"{moved_m:.1f} m"
+        clauses.append(f"moved {far} across the floor")
     return clauses
+
+
+def _way(recording: Recording, turned: float) -> str:
+    """The way that it really turned, where a way was ordered: " left", " right against the order"."""
+    if recording.drive_kind != "sequencer":
+        return ""
+    way = "left" if turned < 0.0 else "right"
+    return f" {way}" if _as_ordered(recording, turned) else f" {way} against the order"
+
+
+def _as_ordered(recording: Recording, turned: float) -> bool:
+    """Whether it turned the way of the order, or nobody ordered one; right is positive."""
+    turn = {"left": -1.0, "right": 1.0, "stop": 0.0}.get(str(recording.table("sequencer").get("command", "left")))
+    return recording.drive_kind != "sequencer" or turn is None or turn * turned > 0.0
 
 
 def _moved_m(recording: Recording) -> float:
@@ -126,15 +140,16 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
             back = turned_rev(recording, float(turned["t_s"]), until_s)
             clauses.append(f"rolled {_revolutions(abs(back))} that way" if abs(back) >= STILL_REV else "got no further")
         elif abs(more) >= STILL_REV:
-            clauses.append(f"coasted another {_revolutions(abs(more))}")
+            against = "" if _as_ordered(recording, more) else _way(recording, more)
+            clauses.append(f"coasted another {_revolutions(abs(more))}{against}")
     elif recoveries:
-        clauses.append(_more(more, before) if abs(more) >= STILL_REV else "got no further")
+        clauses.append(_more(recording, more, before) if abs(more) >= STILL_REV else "got no further")
     elif standing:
         if abs(more) >= STILL_REV:
-            clauses.append(_more(more, before))
+            clauses.append(_more(recording, more, before))
         clauses.append("stopped and stayed")
     else:
-        clauses.append(_more(more, before))
+        clauses.append(_more(recording, more, before))
     return clauses
 
 
@@ -169,12 +184,12 @@ def _within(recording: Recording, key: str, start_s: float, end_s: float) -> lis
     return [event for event in recording.events(key) if start_s <= event["t_s"] <= end_s]
 
 
-def _more(more: float, before: float) -> str:
+def _more(recording: Recording, more: float, before: float) -> str:
     """How far it rolled on; the direction is compared where it had one before."""
     if abs(more) < STILL_REV:
         return "hardly turned"
     if abs(before) < STILL_REV:
-        return f"rolled {abs(more):.1f} more"
+        return f"rolled {abs(more):.1f} more{_way(recording, more)}"
     way = "in the same direction" if more * before > 0 else "back the other way"
     return f"rolled {abs(more):.1f} more {way}"
 

@@ -27,7 +27,7 @@ kind = "{kind}"
 [world]
 ground = "{ground}"
 [sequencer]
-command = "left"
+command = "{command}"
 [solver]
 duration_s = {duration_s}
 """
@@ -47,6 +47,8 @@ def write_run(
     rows_per_s: float = 50.0,
     planned_s: float | None = None,
     kind: str = "sequencer",
+    command: str = "left",
+    speed_m_s: float = 0.94 * RADIUS_m * TURNING_RAD_S,
     ground: str = "plane",
     with_pressures: bool = True,
     with_states: bool = True,
@@ -54,12 +56,12 @@ def write_run(
     scene_text: str = "",
     **summary: Any,
 ) -> Path:
-    """A C-bent tube that rolls towards +y at half a revolution a second, but not from stops_s to resumes_s."""
+    """A C-bent tube that rolls left, towards +y, at half a revolution a second, but not from stops_s to resumes_s."""
     folder.mkdir(parents=True, exist_ok=True)
     t_s = np.arange(round(duration_s * rows_per_s) + 1) / rows_per_s
     rolling_s = np.minimum(t_s, stops_s) + resumed_sign * np.maximum(t_s - resumes_s, 0.0)
     roll_rad = -TURNING_RAD_S * rolling_s
-    com_m = np.stack([np.zeros_like(t_s), -0.94 * RADIUS_m * roll_rad, np.full_like(t_s, RADIUS_m)], axis=1)
+    com_m = np.stack([np.zeros_like(t_s), speed_m_s * rolling_s, np.full_like(t_s, RADIUS_m)], axis=1)
     columns: dict[str, Any] = {"t_s": t_s, "roll_rad": roll_rad}
     columns |= {f"com_{axis}_m": com_m[:, i] for i, axis in enumerate("xyz")}
     for i in range(4):
@@ -87,7 +89,9 @@ def write_run(
     director = [np.cos(roll_rad[f]) * across + np.sin(roll_rad[f]) * upward for f in frames]
     write_shapes(folder / "shape.parquet", t_s[frames], [shape_m + com_m[f] for f in frames], director)
 
-    scene = SCENE.format(kind=kind, ground=ground, duration_s=duration_s if planned_s is None else planned_s)
+    scene = SCENE.format(
+        kind=kind, ground=ground, command=command, duration_s=duration_s if planned_s is None else planned_s
+    )
     (folder / "scene.toml").write_text(scene + scene_text, encoding="utf-8")
     told: dict[str, Any] = {
         "schema": "softbot-summary-1", "scene": "a scene", "twin": "bullet", "accuracy": "standard",

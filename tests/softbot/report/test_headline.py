@@ -134,3 +134,22 @@ def test_headline_tells_a_recording_that_ends_early(runs: Any, tmp_path: Path) -
     text = runs.told(tmp_path, duration_s=3.0, planned_s=12.0, faults=[runs.RUPTURE])
     assert "lost" not in text
     assert text.endswith("The recording ends at 3.0 s of 12.0 s.")
+
+
+def test_headline_tells_the_way_that_it_really_went(runs: Any, tmp_path: Path) -> None:
+    """The made-up robot rolls left."""
+    right = {"duration_s": 2.0, "command": "right"}
+    assert runs.told(tmp_path / "a", **right).startswith("Rolled 1.0 revolution left against the order and moved")
+    text = runs.told(tmp_path / "b", duration_s=2.0, command="stop")
+    assert text.startswith("Rolled 1.0 revolution left against the order and moved")
+    assert "order" not in runs.told(tmp_path / "c", kind="pressure", **right)
+    assert runs.told(tmp_path / "d", duration_s=2.0, speed_m_s=10.0).endswith("and moved 20.0 m across the floor.")
+
+
+def test_headline_tells_that_it_coasted_against_the_order(runs: Any, tmp_path: Path) -> None:
+    stop = {"t_s": 4.12, "strategy": "safe_stop"}
+    broken = {"faults": [runs.RUPTURE], "recoveries": [stop]}
+    text = runs.told(tmp_path / "a", command="right", **broken)
+    assert text.endswith("coasted another 3.0 revolutions left against the order.")
+    text = runs.told(tmp_path / "b", stops_s=0.0, resumes_s=4.5, faults=[runs.RUPTURE], resumed_sign=-1.0)
+    assert text.endswith("did not notice and rolled 2.7 more right against the order.")
