@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
 
 FILES = (("report", "report.html"), ("telemetry", "telemetry.parquet"), ("bus log", "bus.log"))
@@ -71,4 +72,4 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _words(event: dict[str, Any]) -> str:
-    return f"chamber {event['chamber']}, {str(event['kind']).replace('_', ' ')}"
+    return f"{spoken_where(event['chamber'])}, {str(event['kind']).replace('_', ' ')}"

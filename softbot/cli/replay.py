@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softbot.cli.options import Assignments, Json
+from softbot.spoken_fault import spoken_where
 
 if TYPE_CHECKING:
     from softbot.nodes.replay import Replay
@@ -45,14 +46,10 @@ def in_words(found: Replay) -> str:
     ]
     for one in found.detections:
         kind = str(one.kind).replace("_", " ")
-        lines.append(f"found     {one.t_s:.2f} s: {_where(one.chamber)}, {kind} ({100.0 * one.confidence:.0f} %)")
+        lines.append(f"found     {one.t_s:.2f} s: {spoken_where(one.chamber)}, {kind} ({100.0 * one.confidence:.0f} %)")
     if not found.detections:
         lines.append("found     nothing")
     for told in found.recorded:
         kind = str(told["kind"]).replace("_", " ")
-        lines.append(f"recorded  {told['t_s']:.2f} s: {_where(told['chamber'])}, {kind}")
+        lines.append(f"recorded  {told['t_s']:.2f} s: {spoken_where(told['chamber'])}, {kind}")
     return "\n".join(lines)
-
-
-def _where(chamber: object) -> str:
-    return f"chamber {chamber}" if isinstance(chamber, int) and chamber >= 0 else "the robot"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softbot.cli.options import Assignments, BusFaultFile, Channel, Interface, Json, SceneFile, SlowMotion, Urgent
+from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
 
 if TYPE_CHECKING:
@@ -86,7 +87,8 @@ class Narrator:
             typer.echo(f"softbot: {now}", err=True)
         for found in node.detections[self._told :]:
             kind = str(found.kind).replace("_", " ")
-            typer.echo(f"softbot: found: chamber {found.chamber}, {kind} ({100.0 * found.confidence:.0f} %)", err=True)
+            where = spoken_where(found.chamber)
+            typer.echo(f"softbot: found: {where}, {kind} ({100.0 * found.confidence:.0f} %)", err=True)
         self._told = len(node.detections)
         for answer in node.recoveries[self._answers_told :]:
             typer.echo(f"softbot: {_answered(answer)}", err=True)

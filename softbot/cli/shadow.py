@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from softbot.cli.options import Json
+from softbot.spoken_fault import spoken_where
 
 if TYPE_CHECKING:
     import threading
@@ -117,8 +118,8 @@ def shadow(
 
 def verdict_in_words(found: dict[str, Any]) -> str:
     """A verdict for people."""
-    where = "the robot" if found["chamber"] < 0 else f"chamber {found['chamber']}"
     bad = "" if found["severity"] is None else f", severity {found['severity']:.2f}"
+    where = spoken_where(found["chamber"])
     return f"{where}: {str(found['kind']).replace('_', ' ')}{bad} ({100.0 * found['confidence']:.0f} %)"
 
 
@@ -268,5 +269,5 @@ def _picture(twin: Shadow, title: str) -> RenderableType:
             style="red" if one.named else "yellow" if one.suspicion >= 1.0 else "",
         )
     shared = [one for one in twin.detections if one.chamber < 0]
-    rest = [Text(f"the robot: {one.kind.replace('_', ' ')}", style="red") for one in shared]
+    rest = [Text(f"{spoken_where(one.chamber)}: {one.kind.replace('_', ' ')}", style="red") for one in shared]
     return Group(head, table, *rest)

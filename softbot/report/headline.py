@@ -12,19 +12,20 @@ from typing import Any
 import numpy as np
 
 from softbot.report.recording import Recording
+from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
 
 STILL_REV = 0.05
 """Turning by less than this is standing still."""
 
 FAULT_WORDS = {
-    "rupture": "lost chamber {chamber} at {t} (rupture)",
-    "leak": "got a leak in chamber {chamber} at {t}",
-    "blocked_inlet": "lost chamber {chamber} at {t} (blocked inlet)",
-    "stuck_open": "had the valve of chamber {chamber} stick open at {t}",
-    "stuck_closed": "lost chamber {chamber} at {t} (valve stuck closed)",
-    "sensor_offset": "had the pressure sensor of chamber {chamber} drift off at {t}",
-    "sensor_stuck": "had the pressure sensor of chamber {chamber} freeze at {t}",
+    "rupture": "lost {where} at {t} (rupture)",
+    "leak": "got a leak in {where} at {t}",
+    "blocked_inlet": "lost {where} at {t} (blocked inlet)",
+    "stuck_open": "had the valve of {where} stick open at {t}",
+    "stuck_closed": "lost {where} at {t} (valve stuck closed)",
+    "sensor_offset": "had the pressure sensor of {where} drift off at {t}",
+    "sensor_stuck": "had the pressure sensor of {where} freeze at {t}",
 }
 
 ANSWER_WORDS = {
@@ -108,8 +109,9 @@ def _moved_m(recording: Recording) -> float:
 
 def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fault_s: float) -> list[str]:
     t_s, chamber = float(fault["t_s"]), fault.get("chamber")
-    words = FAULT_WORDS.get(str(fault.get("kind")), "met a fault in chamber {chamber} at {t}")
-    clauses = [words.format(chamber=chamber, t=spoken_time(t_s))]
+    words = FAULT_WORDS.get(str(fault.get("kind")), "met a fault of {where} at {t} ({kind})")
+    kind, where = spoken_kind(fault.get("kind", "not said")), spoken_where(chamber)
+    clauses = [words.format(where=where, kind=kind, t=spoken_time(t_s))]
     timed: list[tuple[float, int, str]] = []  # the number orders what happens at the same time
 
     end_s = float(recording.t_s[-1])  # the next fault may strike before this one is found

@@ -16,6 +16,7 @@ from softbot.errors import InputError
 from softbot.report.headline import spoken_kind, spoken_time
 from softbot.report.recording import Floats, Recording, read_recording
 from softbot.report.tube_picture import AROUND, BACKGROUND, Camera, fill, surface
+from softbot.spoken_fault import spoken_where
 
 MAX_POSES = 12
 CLEARANCE_RADII = 2.5
@@ -153,7 +154,7 @@ def _label(
             *(lowest - [0.0, lift_m]), spoken_time(t_s), color="#66717b", fontsize=8, ha="center", va="top", zorder=6
         )
     flags = [
-        (f, f"chamber {f.get('chamber')}: {spoken_kind(f.get('kind', 'fault'))}", FAULT)
+        (f, f"{spoken_where(f.get('chamber'))}: {spoken_kind(f.get('kind', 'fault'))}", FAULT)
         for f in recording.events("faults")
     ]
     flags += [(r, spoken_kind(r.get("strategy", "recovery")), RECOVERY) for r in recording.events("recoveries")[:1]]

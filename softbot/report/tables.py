@@ -10,8 +10,10 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
+from softbot.faults import NO_CHAMBER
 from softbot.report.headline import spoken_kind
 from softbot.report.recording import Recording
+from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
 
 MINUS = "\N{MINUS SIGN}"
@@ -107,17 +109,17 @@ def event_table(recording: Recording) -> str:
 
 
 def _event_text(title: str, entry: Mapping[str, Any]) -> str:
-    chamber = entry.get("chamber")
-    where = f"chamber {chamber}" if chamber is not None else ""
     if title == "recovery":
         strategy, offer = spoken_kind(entry.get("strategy", "recovery")), entry.get("offer")
         return f"{strategy}: {spoken_offer(offer)}" if isinstance(offer, dict) else strategy
     if title == "stall":
         theta = entry.get("theta_rad")
+        if entry.get("chamber") in (None, NO_CHAMBER):
+            return "stopped"  # none is dead
         at = f"θ = {number(theta, DEGREES, 3)}°" if isinstance(theta, int | float) else ""
-        return ", ".join(part for part in (where, at) if part) or "stopped"
+        return ", ".join(part for part in (spoken_where(entry.get("chamber")), at) if part)
     kind = spoken_kind(entry.get("kind", ""))
-    text = ", ".join(part for part in (where, kind) if part)
+    text = ", ".join(part for part in (spoken_where(entry.get("chamber")), kind) if part)
     delay = entry.get("delay_s")
     if title == "detection" and isinstance(delay, int | float):
         text += f", after {number(delay, figures=3)} s"

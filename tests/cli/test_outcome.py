@@ -43,6 +43,13 @@ def test_a_safe_stop_says_what_is_left() -> None:
     assert ("left", "can still be rocked, 29° left and 57° right") in told
 
 
+def test_what_is_no_one_chambers_is_the_robots() -> None:
+    lost = {"t_s": 6.0, "chamber": -1, "kind": "supply_loss"}
+    told = rows(SUMMARY | {"faults": [lost], "detections": [lost | {"t_s": 6.2, "delay_s": 0.2}]})
+    assert ("fault", "6.00 s: the robot, supply loss") in told
+    assert ("detected", "6.20 s: the robot, supply loss (200 ms after it struck)") in told
+
+
 def test_what_a_run_does_not_have_is_left_out() -> None:
     bare = SUMMARY | {"advance_per_revolution_m": None, "real_time_factor": None}
     bare |= {"faults": [], "detections": [], "recoveries": []}

@@ -153,3 +153,11 @@ def test_headline_tells_that_it_coasted_against_the_order(runs: Any, tmp_path: P
     assert text.endswith("coasted another 3.0 revolutions left against the order.")
     text = runs.told(tmp_path / "b", stops_s=0.0, resumes_s=4.5, faults=[runs.RUPTURE], resumed_sign=-1.0)
     assert text.endswith("did not notice and rolled 2.7 more right against the order.")
+
+
+def test_headline_of_a_fault_of_what_the_chambers_share_names_no_chamber(runs: Any, tmp_path: Path) -> None:
+    lost = {"t_s": 4.0, "chamber": -1, "kind": "supply_loss"}
+    text = runs.told(tmp_path / "a", faults=[lost], detections=[lost | {"t_s": 4.5}])
+    assert ", met a fault of the robot at 4.0 s (supply loss), named it 0.5 s later" in text
+    text = runs.told(tmp_path / "b", faults=[runs.RUPTURE | {"kind": "kinked_line"}])
+    assert ", met a fault of chamber 2 at 4.0 s (kinked line)," in text

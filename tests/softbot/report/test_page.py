@@ -18,7 +18,7 @@ from pyarrow import parquet
 from softbot.report import write_report
 from softbot.report.page import MAX_SAMPLES, embedded_json
 from softbot.report.recording import read_recording
-from softbot.report.tables import number, summary_table
+from softbot.report.tables import event_list, number, summary_table
 
 
 def page_and_data(run_dir: Path) -> tuple[str, dict[str, Any]]:
@@ -157,6 +157,17 @@ def test_events_are_in_order_of_time_in_the_page_and_in_its_table(runs: Any, tmp
     assert re.findall(r"data-t='([\d.]+)'", page) == ["4", "4.12", "4.4", "4.5"]
     assert "chamber 2, rupture, after 0.12 s" in page
     assert "chamber 2, θ = 85.9°" in page
+
+
+def test_events_of_what_the_chambers_share_name_no_chamber(runs: Any, tmp_path: Path) -> None:
+    lost = {"t_s": 4.0, "chamber": -1, "kind": "supply_loss"}
+    stall = {"t_s": 6.0, "chamber": -1, "theta_rad": None}
+    run = runs.write_run(tmp_path / "run", faults=[lost], detections=[lost | {"t_s": 4.5}], stalls=[stall])
+    assert [event["text"] for event in event_list(read_recording(run))] == [
+        "the robot, supply loss",
+        "the robot, supply loss",
+        "stopped",
+    ]
 
 
 def test_a_broken_chamber_is_dead_at_once_and_a_leaking_one_when_it_is_named(runs: Any, tmp_path: Path) -> None:
