@@ -1,8 +1,8 @@
 """Run directory: scene, telemetry, shapes and summary of one run, written as it happens.
 
 What comes in is a block of rows of motion (`sim.motion_rows`), one or many; it leaves as record batches of whole
-columns. `record = "summary"` keeps in memory only the columns that the metrics read: no chamber pressures, no phases,
-no bend side, no shape.
+columns. `record = "summary"` keeps in memory only the columns that the metrics read: no commanded pressures, no
+phases, no bend side, no shape.
 """
 
 from __future__ import annotations

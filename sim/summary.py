@@ -5,7 +5,7 @@ trajectory, detections and recoveries from the events that were recorded beside 
 
 What is measured over the steady part of a run (`revolutions`, `displacement_m`, `advance_per_revolution_m`,
 `plane_rotation_rad`) is null for a run that ended before it, whose `steady_span_s` is 0. `energy_gain_J` is null for a
-twin that does not tell its energy.
+twin that does not tell its energy, `highest_pressure_share` for a robot that nobody fills.
 """
 
 from __future__ import annotations
@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 from sim.scene import Scene
 from sim.trajectory import wrapped
 from softbot.cross_section import CHAMBER_ANGLES_RAD
-from softbot.faults import EMPTIES_CHAMBER
+from softbot.faults import CHAMBER_COUNT, EMPTIES_CHAMBER
 
 SUMMARY_SCHEMA = "softbot-summary-1"
+
+PRESSURE_COLUMNS = tuple(f"pressure_{i}_Pa" for i in range(CHAMBER_COUNT))
 
 SUMMARY_COLUMNS = frozenset(
     {
@@ -43,6 +45,7 @@ SUMMARY_COLUMNS = frozenset(
         "sharpest_curvature_1_m",
         "penetration_m",
         "asleep",
+        *PRESSURE_COLUMNS,
     }
 )
 """Columns of the telemetry that the metrics read, and the deepest penetration for those who check it."""
@@ -116,6 +119,9 @@ def summarise(scene: Scene, telemetry: pa.Table, events: Events, cost: Cost, out
         "angular_momentum_max_kg_m2_s": _largest(column["angular_momentum_kg_m2_s"]),
         "energy_gain_J": energy_gain_J(column),
         "asleep_s": asleep_s(column),
+        "highest_pressure_share": highest_pressure_share(
+            np.column_stack([column[name] for name in PRESSURE_COLUMNS]), scene.robot.pneumatics.max_chamber_pressure_Pa
+        ),
         "kinks": find_kinks(column, scene.robot.kink_curvature_1_m),
         "stalls": [asdict(stall) for stall in find_stalls(column, events.faults)],
         "faults": events.faults,
@@ -141,6 +147,12 @@ def asleep_s(column: Columns) -> float:
     """How long the robot slept [s]: nothing moved, and nothing was computed."""
     since_last = np.diff(column["t_s"], prepend=0.0)
     return float(since_last[column["asleep"] == 1].sum())
+
+
+def highest_pressure_share(pressures_Pa: NDArray[np.float64], limit_Pa: float) -> float | None:
+    """The highest true pressure of any chamber over the chambers' limit; None where none is known."""
+    highest_Pa = _largest(pressures_Pa)
+    return None if highest_Pa is None else highest_Pa / limit_Pa
 
 
 def find_kinks(column: Columns, kink_curvature_1_m: float) -> list[dict[str, float]]:

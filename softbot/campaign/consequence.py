@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sim.recorder import samples_of
 from sim.scene import Scene
+from sim.summary import highest_pressure_share
 from softbot.campaign.outcome import ordered_turns, pressures_Pa
 from softbot.errors import SimulationError
 from softbot.nodes.direct import DirectRun
@@ -85,5 +86,4 @@ def _rate_rev_s(scene: Scene, trace: FloatArray, since_s: float) -> Any:
 
 
 def _highest_share(trace: FloatArray, since_s: float, limit_Pa: float) -> Any:
-    within = trace[:, 0] >= since_s
-    return float(pressures_Pa(trace)[within].max() / limit_Pa) if within.any() else None
+    return highest_pressure_share(pressures_Pa(trace)[trace[:, 0] >= since_s], limit_Pa)

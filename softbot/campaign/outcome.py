@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from controllers.interface import STATES, Detection, Recovery, SequencerState
 from sim.scene import Scene
+from sim.summary import highest_pressure_share
 from softbot.faults import CHAMBER_COUNT, NO_CHAMBER, Fault, FaultKind
 from softbot.nodes.direct import TRACE
 
@@ -123,7 +124,7 @@ def outcome(seen: Seen) -> dict[str, Any]:
         "moved_along_m": float(trace[-1, _X] - trace[0, _X]),
         "moved_left_m": float(trace[-1, _Y] - trace[0, _Y]),
         "highest_pressure_Pa": float(pressures_Pa(trace).max()),
-        "highest_pressure_share": float(pressures_Pa(trace).max() / seen.pressure_limit_Pa),
+        "highest_pressure_share": highest_pressure_share(pressures_Pa(trace), seen.pressure_limit_Pa),
         "final_state": str(STATES[int(trace[-1, _STATE])]),
         "safe_after_s": float(t_s[np.argmax(safe)]) - first_s if safe.any() and faults else None,
         "strategies": " ".join(dict.fromkeys(answer.strategy for answer in seen.recoveries)),

@@ -56,6 +56,9 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         found.append(("moved", f"{100.0 * x_m:+.1f} cm along, {100.0 * y_m:+.1f} cm to the left"))
     if advance_m is not None:
         found.append(("advance", f"{1e3 * advance_m:.1f} mm per revolution"))
+    share = summary.get("highest_pressure_share")
+    if share is not None:
+        found.append(("pressure", f"at most {100.0 * share:.1f} % of the chambers' limit"))
     for fault in summary["faults"]:
         found.append(("fault", f"{fault['t_s']:.2f} s: {_words(fault)}"))
     for one in summary["detections"]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from softbot.report.recording import Recording
+from softbot.report.recording import CHAMBER_COUNT, Recording
 from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
 
@@ -36,7 +36,7 @@ ANSWER_WORDS = {
 
 
 def headline(recording: Recording) -> str:
-    """One sentence on the run, and one each for false alarms and for an early end where there were any."""
+    """One sentence on the run, and one each for a pressure over the limit, false alarms and an early end, if any."""
     if recording.summary.get("equilibrium"):
         return f"Comes to rest bent by {math.degrees(recording.columns['bend_rad'][-1]):.1f}°."
     end_s = float(recording.t_s[-1])
@@ -48,7 +48,8 @@ def headline(recording: Recording) -> str:
         clauses += _after(recording, fault, until_s, first_fault_s)
     sentence = _joined(clauses)
     sentences = [sentence[0].upper() + sentence[1:] + "."]
-    sentences += _left(recording) + _false_alarms(recording) + _early_end(recording, end_s)
+    sentences += _left(recording) + _over_limit(recording) + _false_alarms(recording)
+    sentences += _early_end(recording, end_s)
     return " ".join(sentences)
 
 
@@ -217,6 +218,18 @@ def _left(recording: Recording) -> list[str]:
         return []
     words = spoken_offer(answers[-1]["offer"])
     return [words[0].upper() + words[1:] + "."]
+
+
+def _over_limit(recording: Recording) -> list[str]:
+    """Which chamber went over the limit of its pressure, and how far."""
+    share = recording.summary.get("highest_pressure_share")
+    if not isinstance(share, int | float) or share <= 1.0:
+        return []
+    highest_Pa = [
+        float(np.nanmax(recording.columns[name])) if recording.has(name) else -math.inf
+        for name in (f"pressure_{i}_Pa" for i in range(CHAMBER_COUNT))
+    ]
+    return [f"Chamber {int(np.argmax(highest_Pa))} went to {100.0 * share:.1f} % of the limit of its pressure."]
 
 
 def _false_alarms(recording: Recording) -> list[str]:

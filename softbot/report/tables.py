@@ -59,6 +59,7 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("angular_momentum_max_kg_m2_s", "largest angular momentum", "kg m²/s", number),
     ("energy_gain_J", "most energy beyond the actuators' work", "J", number),
     ("asleep_s", "asleep, and not computed", "s", number),
+    ("highest_pressure_share", "highest pressure, of the chambers' limit", "%", lambda value: number(value, 100.0)),
     ("false_alarms", "false alarms", "", _count),
     ("missed_faults", "missed faults", "", _count),
 )

@@ -43,6 +43,11 @@ def test_a_safe_stop_says_what_is_left() -> None:
     assert ("left", "can still be rocked, 29° left and 57° right") in told
 
 
+def test_the_highest_pressure_is_told_as_a_share_of_the_limit() -> None:
+    told = rows(SUMMARY | {"highest_pressure_share": 1.4104})
+    assert ("pressure", "at most 141.0 % of the chambers' limit") in told
+
+
 def test_what_is_no_one_chambers_is_the_robots() -> None:
     lost = {"t_s": 6.0, "chamber": -1, "kind": "supply_loss"}
     told = rows(SUMMARY | {"faults": [lost], "detections": [lost | {"t_s": 6.2, "delay_s": 0.2}]})

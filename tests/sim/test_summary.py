@@ -229,6 +229,19 @@ def test_stall_names_a_chamber_only_when_it_was_dead_by_then(scene: Scene) -> No
     assert summary_of(scene, table, faults=[lives, blocked, later])["stalls"][0]["chamber"] == 3
 
 
+# --- pressures ------------------------------------------------------------
+
+
+def test_highest_pressure_is_told_as_a_share_of_the_limit(scene: Scene) -> None:
+    limit_Pa = scene.robot.pneumatics.max_chamber_pressure_Pa
+    table = telemetry(
+        2.0, pressure_1_Pa=0.5 * limit_Pa, pressure_2_Pa=lambda t: np.where(t == 1.0, 1.2, 0.1) * limit_Pa
+    )
+    assert summary_of(scene, table)["highest_pressure_share"] == pytest.approx(1.2)
+    unknown = {f"pressure_{i}_Pa": math.nan for i in range(4)}
+    assert summary_of(scene, telemetry(2.0, **unknown))["highest_pressure_share"] is None
+
+
 # --- faults and detections ------------------------------------------------------------
 
 

@@ -50,6 +50,7 @@ def write_run(
     command: str = "left",
     speed_m_s: float = 0.94 * RADIUS_m * TURNING_RAD_S,
     ground: str = "plane",
+    opened_chamber: int | None = None,
     with_pressures: bool = True,
     with_states: bool = True,
     nodes: int = 11,
@@ -65,7 +66,7 @@ def write_run(
     columns: dict[str, Any] = {"t_s": t_s, "roll_rad": roll_rad}
     columns |= {f"com_{axis}_m": com_m[:, i] for i, axis in enumerate("xyz")}
     for i in range(4):
-        wave_Pa = 60e3 * np.maximum(0.0, np.cos(roll_rad + i * math.pi / 2))
+        wave_Pa = 60e3 * np.maximum(0.0, np.cos(roll_rad + i * math.pi / 2)) + (50e3 if i == opened_chamber else 0.0)
         columns[f"pressure_{i}_Pa"] = wave_Pa if with_pressures else np.full_like(t_s, np.nan)
         columns[f"command_{i}_Pa"] = wave_Pa if with_pressures else np.full_like(t_s, np.nan)
     columns |= {

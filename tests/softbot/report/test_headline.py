@@ -161,3 +161,10 @@ def test_headline_of_a_fault_of_what_the_chambers_share_names_no_chamber(runs: A
     assert ", met a fault of the robot at 4.0 s (supply loss), named it 0.5 s later" in text
     text = runs.told(tmp_path / "b", faults=[runs.RUPTURE | {"kind": "kinked_line"}])
     assert ", met a fault of chamber 2 at 4.0 s (kinked line)," in text
+
+
+def test_headline_tells_a_chamber_over_its_limit(runs: Any, tmp_path: Path) -> None:
+    over = runs.told(tmp_path / "a", highest_pressure_share=1.4104, opened_chamber=2)
+    assert over.endswith("across the floor. Chamber 2 went to 141.0 % of the limit of its pressure.")
+    assert "limit" not in runs.told(tmp_path / "b", highest_pressure_share=1.0)
+    assert "limit" not in runs.told(tmp_path / "c", highest_pressure_share=None)

@@ -260,6 +260,9 @@ def test_frames_without_positions_are_left_out(runs: Any, tmp_path: Path) -> Non
 
 
 def test_every_number_of_a_summary_is_called_in_words() -> None:
-    shown = summary_table({"total_revolutions": -2.5, "energy_gain_J": 1e-6, "asleep_s": 0.1})
+    shown = summary_table(
+        {"total_revolutions": -2.5, "energy_gain_J": 1e-6, "asleep_s": 0.1, "highest_pressure_share": 1.41}
+    )
     assert "revolutions in all" in shown
+    assert "of the chambers&#x27; limit</th><td>141</td><td class='unit'>%" in shown
     assert "_" not in shown
