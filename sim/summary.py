@@ -25,6 +25,7 @@ from sim.scene import Scene
 from sim.trajectory import wrapped
 from softbot.cross_section import CHAMBER_ANGLES_RAD
 from softbot.faults import CHAMBER_COUNT, EMPTIES_CHAMBER
+from softbot.verdict import Judgement, Told, judge
 
 SUMMARY_SCHEMA = "softbot-summary-1"
 
@@ -128,6 +129,7 @@ def summarise(scene: Scene, telemetry: pa.Table, events: Events, cost: Cost, out
         "detections": matched["detections"],
         "recoveries": events.recoveries,
         "false_alarms": matched["false_alarms"],
+        "misnamed": matched["misnamed"],
         "missed_faults": matched["missed_faults"],
     }
 
@@ -210,9 +212,10 @@ def write_summary(run_dir: Path, summary: dict[str, Any]) -> None:
 
 
 def _match(events: Events) -> dict[str, Any]:
-    """Each detection to the earliest fault of its chamber and kind before it; the rest are false alarms."""
+    """Each detection to the earliest fault of its chamber and kind before it, and what it is worth."""
     open_faults = list(events.faults)
-    detections, false_alarms = [], 0
+    struck = [_told(fault) for fault in events.faults]
+    detections = []
     for found in events.detections:
         cause = next(
             (
@@ -222,16 +225,10 @@ def _match(events: Events) -> dict[str, Any]:
             ),
             None,
         )
-        if cause is None:
-            known = any(
-                f["chamber"] == found["chamber"] and f["kind"] == found["kind"] and f["t_s"] <= found["t_s"]
-                for f in events.faults
-            )
-            false_alarms += 0 if known else 1
-            detections.append({**found, "delay_s": None})
-        else:
+        delay_s = None if cause is None else found["t_s"] - cause["t_s"]
+        if cause is not None:
             open_faults.remove(cause)
-            detections.append({**found, "delay_s": found["t_s"] - cause["t_s"]})
+        detections.append({**found, "delay_s": delay_s, "judgement": str(judge(_told(found), struck))})
     # what strikes a chamber already known to be broken changes nothing that could be seen
     missed = [
         f
@@ -240,7 +237,17 @@ def _match(events: Events) -> dict[str, Any]:
             d["delay_s"] is not None and d["chamber"] == f["chamber"] and d["t_s"] <= f["t_s"] for d in detections
         )
     ]
-    return {"detections": detections, "false_alarms": false_alarms, "missed_faults": len(missed)}
+    judged = [found["judgement"] for found in detections]
+    return {
+        "detections": detections,
+        "false_alarms": judged.count(Judgement.FALSE_ALARM),
+        "misnamed": judged.count(Judgement.MISNAMED),
+        "missed_faults": len(missed),
+    }
+
+
+def _told(event: dict[str, Any]) -> Told:
+    return Told(float(event["t_s"]), int(event["chamber"]), str(event["kind"]))
 
 
 def _columns(telemetry: pa.Table) -> Columns:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from controllers.interface import STATES, Detection, Recovery, SequencerState
 from sim.scene import Scene
 from sim.summary import highest_pressure_share
-from softbot.faults import CHAMBER_COUNT, NO_CHAMBER, Fault, FaultKind
+from softbot.faults import CHAMBER_COUNT, Fault
 from softbot.nodes.direct import TRACE
+from softbot.verdict import Judgement, Told, judge
 
 FloatArray = NDArray[np.float64]
 TURN_RAD = 2.0 * math.pi
@@ -204,15 +205,6 @@ def _found(fault: Fault, faults: list[Fault], detections: list[Detection]) -> di
 
 def _false_alarms(faults: list[Fault], detections: list[Detection]) -> int:
     """Verdicts that no fault had given reason for: before any, or on a chamber that none concerns."""
-    return sum(
-        not any(fault.t_s <= one.t_s and {one.chamber, NO_CHAMBER} & _concerned(fault) for fault in faults)
-        and not (one.chamber == NO_CHAMBER and any(fault.t_s <= one.t_s for fault in faults))
-        for one in detections
-    )
-
-
-def _concerned(fault: Fault) -> set[int]:
-    """Chambers that a fault concerns: exchanged lines are two chambers'."""
-    if fault.kind is FaultKind.LINES_SWAPPED:
-        return {fault.chamber_number, (fault.chamber_number + 1) % CHAMBER_COUNT}
-    return {fault.chamber_number}
+    struck = [Told(fault.t_s, fault.chamber_number, str(fault.kind)) for fault in faults]
+    verdicts = [Told(one.t_s, one.chamber, one.kind) for one in detections]
+    return sum(judge(one, struck) is Judgement.FALSE_ALARM for one in verdicts)

@@ -63,7 +63,8 @@ def rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         found.append(("fault", f"{fault['t_s']:.2f} s: {_words(fault)}"))
     for one in summary["detections"]:
         delay_s = one.get("delay_s")
-        late = "false alarm" if delay_s is None else f"{1e3 * delay_s:.0f} ms after it struck"
+        worth = {"right": "again"}.get(one.get("judgement", ""), one.get("judgement", "false alarm"))
+        late = worth if delay_s is None else f"{1e3 * delay_s:.0f} ms after it struck"
         found.append(("detected", f"{one['t_s']:.2f} s: {_words(one)} ({late})"))
     for answer in summary["recoveries"]:
         found.append(("answered", f"{answer['t_s']:.2f} s: {str(answer['strategy']).replace('_', ' ')}"))

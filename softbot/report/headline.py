@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from softbot.faults import NO_CHAMBER
 from softbot.report.recording import CHAMBER_COUNT, Recording
 from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
+from softbot.verdict import Judgement, Told, gives_reason
 
 STILL_REV = 0.05
 """Turning by less than this is standing still."""
@@ -116,7 +118,7 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
     timed: list[tuple[float, int, str]] = []  # the number orders what happens at the same time
 
     end_s = float(recording.t_s[-1])  # the next fault may strike before this one is found
-    named = next((d for d in _within(recording, "detections", t_s, end_s) if d.get("chamber") == chamber), None)
+    named = _verdict_on(fault, _within(recording, "detections", t_s, end_s))
     if named is not None:
         timed.append((float(named["t_s"]), 1, _naming(named, fault)))
     elif recording.drive_kind == "sequencer":
@@ -166,12 +168,27 @@ def _answered(recoveries: list[dict[str, Any]]) -> list[tuple[float, int, str]]:
     return found
 
 
+def _verdict_on(fault: dict[str, Any], since: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The first verdict on where a fault is, or else the first that it gave reason for and that named none rightly."""
+    there = [one for one in since if one.get("chamber") == fault.get("chamber")]
+    misnamed = [one for one in since if one.get("judgement") == Judgement.MISNAMED]
+    elsewhere = [one for one in misnamed if gives_reason(_told(fault), _told(one))]
+    return next(iter(there + elsewhere), None)
+
+
+def _told(event: dict[str, Any]) -> Told:
+    chamber = event.get("chamber")
+    return Told(float(event["t_s"]), NO_CHAMBER if chamber is None else int(chamber), str(event.get("kind")))
+
+
 def _naming(detection: dict[str, Any], fault: dict[str, Any]) -> str:
     delay = detection.get("delay_s")
     delay_s = float(delay) if isinstance(delay, int | float) else float(detection["t_s"]) - float(fault["t_s"])
-    if detection.get("kind") in (None, fault.get("kind")):
+    same_place = detection.get("chamber") == fault.get("chamber")
+    if same_place and detection.get("kind") in (None, fault.get("kind")):
         return f"named it {spoken_time(delay_s)} later"
-    return f"took it for {_article(spoken_kind(detection['kind']))} {spoken_time(delay_s)} later"
+    where = "" if same_place else f" of {spoken_where(detection.get('chamber'))}"
+    return f"took it for {_article(spoken_kind(detection['kind']))}{where} {spoken_time(delay_s)} later"
 
 
 def _stands_at_end(recording: Recording, start_s: float, end_s: float) -> bool:

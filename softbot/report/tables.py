@@ -15,6 +15,7 @@ from softbot.report.headline import spoken_kind
 from softbot.report.recording import Recording
 from softbot.spoken_fault import spoken_where
 from softbot.spoken_offer import spoken_offer
+from softbot.verdict import Judgement
 
 MINUS = "\N{MINUS SIGN}"
 ABSENT = "\N{EM DASH}"
@@ -61,6 +62,7 @@ _ROWS: tuple[tuple[str, str, str, Callable[[Any], str]], ...] = (
     ("asleep_s", "asleep, and not computed", "s", number),
     ("highest_pressure_share", "highest pressure, of the chambers' limit", "%", lambda value: number(value, 100.0)),
     ("false_alarms", "false alarms", "", _count),
+    ("misnamed", "verdicts that gave a fault another name", "", number),
     ("missed_faults", "missed faults", "", _count),
 )
 
@@ -124,4 +126,6 @@ def _event_text(title: str, entry: Mapping[str, Any]) -> str:
     delay = entry.get("delay_s")
     if title == "detection" and isinstance(delay, int | float):
         text += f", after {number(delay, figures=3)} s"
+    elif title == "detection" and entry.get("judgement") in (Judgement.MISNAMED, Judgement.FALSE_ALARM):
+        text += f" ({entry['judgement']})"
     return text

@@ -36,6 +36,14 @@ def test_every_number_has_its_unit() -> None:
     ]
 
 
+def test_a_misnamed_verdict_is_no_false_alarm() -> None:
+    leak = {"t_s": 11.0, "chamber": 2, "kind": "leak", "delay_s": None}
+    for judgement, told in (("misnamed", "misnamed"), ("false alarm", "false alarm"), ("right", "again")):
+        assert ("detected", f"11.00 s: chamber 2, leak ({told})") in rows(
+            SUMMARY | {"detections": [leak | {"judgement": judgement}]}
+        )
+
+
 def test_a_safe_stop_says_what_is_left() -> None:
     stop = {"t_s": 12.0, "strategy": "safe_stop", "offer": {"left_rad": 0.5, "right_rad": 1.0}}
     told = rows(SUMMARY | {"recoveries": [stop]})

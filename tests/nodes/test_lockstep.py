@@ -76,9 +76,8 @@ def test_everything_that_crossed_the_bus_is_in_the_log(make_scene: MakeScene, ru
 def test_what_the_sequencer_found_is_in_the_summary(make_scene: MakeScene, run: Any, tmp_path: Path) -> None:
     fault = '[{t_s = 0.25, chamber = 1, kind = "rupture"}]'
     summary = run(make_scene(f"fault={fault}"), tmp_path).summary
-    assert summary["detections"] == [
-        {"t_s": 0.4, "chamber": 1, "kind": "rupture", "confidence": 0.9, "delay_s": pytest.approx(0.15)}
-    ]
+    named = {"t_s": 0.4, "chamber": 1, "kind": "rupture", "confidence": 0.9}
+    assert summary["detections"] == [named | {"delay_s": pytest.approx(0.15), "judgement": "right"}]
     assert summary["recoveries"] == [{"t_s": 0.4, "strategy": "curvature_reversal"}]
     assert (summary["false_alarms"], summary["missed_faults"]) == (0, 0)
     assert json.loads((tmp_path / "summary.json").read_text())["detections"][0]["chamber"] == 1

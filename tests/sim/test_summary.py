@@ -257,7 +257,7 @@ def fault(t_s: float, chamber: int = 2, kind: str = "rupture") -> dict[str, Any]
         ([fault(4.0)], [fault(4.5)], [0.5], 0, 0),
         ([fault(4.0)], [fault(3.5)], [None], 1, 1),  # before it happened
         ([fault(4.0)], [fault(4.5, chamber=1)], [None], 1, 1),  # another chamber
-        ([fault(4.0)], [fault(4.5, kind="leak")], [None], 1, 1),  # another kind
+        ([fault(4.0)], [fault(4.5, kind="leak")], [None], 0, 1),  # another kind: misnamed
         ([fault(4.0)], [fault(4.5), fault(5.0)], [0.5, None], 0, 0),  # said twice: no false alarm
         ([fault(4.0), fault(5.0, chamber=0)], [fault(5.2, chamber=0)], [0.2], 0, 1),
         ([fault(4.0), fault(6.0)], [fault(4.1), fault(6.3)], [0.1, 0.3], 0, 0),  # each its own
@@ -277,7 +277,32 @@ def test_detections_are_matched_to_faults_of_their_chamber_and_kind(
     assert [one["delay_s"] for one in summary["detections"]] == [d if d is None else pytest.approx(d) for d in delays]
     assert (summary["false_alarms"], summary["missed_faults"]) == (false_alarms, missed)
     assert summary["faults"] == faults
-    assert [{k: v for k, v in one.items() if k != "delay_s"} for one in summary["detections"]] == found
+    assert [
+        {k: v for k, v in one.items() if k not in ("delay_s", "judgement")} for one in summary["detections"]
+    ] == found
+
+
+@pytest.mark.parametrize(
+    ("broken", "found", "judgement"),
+    [
+        (fault(4.0), fault(4.5), "right"),
+        (fault(4.0), fault(4.5, kind="leak"), "misnamed"),
+        (fault(4.0), fault(4.5, chamber=1), "false alarm"),
+        (fault(4.0), fault(3.5), "false alarm"),
+        (fault(4.0), fault(4.5, chamber=-1, kind="supply_sag"), "misnamed"),
+        (fault(4.0, -1, "supply_loss"), fault(4.5, -1, "supply_sag"), "misnamed"),
+        (fault(4.0, -1, "supply_loss"), fault(4.5, 1, "blocked_inlet"), "misnamed"),
+        (fault(4.0, 3, "lines_swapped"), fault(4.5, 0, "sensor_offset"), "misnamed"),
+        (fault(4.0, 3, "lines_swapped"), fault(4.5, 1, "sensor_offset"), "false alarm"),
+    ],
+)
+def test_verdicts_that_something_gave_reason_for_are_no_false_alarms(
+    scene: Scene, broken: dict[str, Any], found: dict[str, Any], judgement: str
+) -> None:
+    """As campaigns count them."""
+    summary = summary_of(scene, telemetry(1.0), faults=[broken], detections=[found])
+    assert [one["judgement"] for one in summary["detections"]] == [judgement]
+    assert (summary["false_alarms"], summary["misnamed"]) == (judgement == "false alarm", judgement == "misnamed")
 
 
 # --- the file ------------------------------------------------------------

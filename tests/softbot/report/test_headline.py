@@ -168,3 +168,12 @@ def test_headline_tells_a_chamber_over_its_limit(runs: Any, tmp_path: Path) -> N
     assert over.endswith("across the floor. Chamber 2 went to 141.0 % of the limit of its pressure.")
     assert "limit" not in runs.told(tmp_path / "b", highest_pressure_share=1.0)
     assert "limit" not in runs.told(tmp_path / "c", highest_pressure_share=None)
+
+
+def test_headline_tells_a_wrong_name_in_another_place(runs: Any, tmp_path: Path) -> None:
+    lost = {"t_s": 4.0, "chamber": -1, "kind": "supply_loss"}
+    taken = {"t_s": 5.0, "chamber": 1, "kind": "blocked_inlet", "delay_s": None}
+    text = runs.told(tmp_path / "a", faults=[lost], detections=[taken | {"judgement": "misnamed"}])
+    assert "took it for a blocked inlet of chamber 1 1.0 s later" in text
+    text = runs.told(tmp_path / "b", faults=[runs.RUPTURE], detections=[taken | {"judgement": "false alarm"}])
+    assert "did not notice" in text

@@ -162,10 +162,11 @@ def test_events_are_in_order_of_time_in_the_page_and_in_its_table(runs: Any, tmp
 def test_events_of_what_the_chambers_share_name_no_chamber(runs: Any, tmp_path: Path) -> None:
     lost = {"t_s": 4.0, "chamber": -1, "kind": "supply_loss"}
     stall = {"t_s": 6.0, "chamber": -1, "theta_rad": None}
-    run = runs.write_run(tmp_path / "run", faults=[lost], detections=[lost | {"t_s": 4.5}], stalls=[stall])
+    sag = {"t_s": 4.5, "chamber": -1, "kind": "supply_sag", "delay_s": None, "judgement": "misnamed"}
+    run = runs.write_run(tmp_path / "run", faults=[lost], detections=[sag], stalls=[stall])
     assert [event["text"] for event in event_list(read_recording(run))] == [
         "the robot, supply loss",
-        "the robot, supply loss",
+        "the robot, supply sag (misnamed)",
         "stopped",
     ]
 
