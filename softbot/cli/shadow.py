@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import threading
     from contextlib import ExitStack
 
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
 
     from softbot.nodes.chamber_health import Health
     from softbot.nodes.shadow import Seen, Shadow
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _SHOWN_S = 0.25
 _KEPT_EVERY_S = 60.0
+_TABLE_WIDTH = 80
 
 
 def shadow(
@@ -37,7 +38,9 @@ def shadow(
     robot: Annotated[
         str | None,
         typer.Option(
-            metavar="ROBOT.toml", help="Robot file that the robot was built by. Default: the run folder's, or default."
+            metavar="ROBOT.toml",
+            help="Robot file that the robot was built by. Default: that of the run folder (or of the one in which the "
+            "trace lies), else the shipped default; standard error says which.",
         ),
     ] = None,
     findings: Annotated[
@@ -76,7 +79,8 @@ def shadow(
             raise InputError(f"{name} {value:g}: give a positive number of seconds")
     if source is not None and (interface is not None or channel is not None or duration_s is not None):
         raise InputError(f"{source}: a recording has no --interface, --channel and --duration-s; leave out one of them")
-    watched = _robot(source, robot)
+    watched, whose = _robot(source, robot)
+    say(f"robot: {watched.name}, {whose}")
     known = None if health is None else read_health(health, watched.name)
     with told_of_compiling("preparing", "compiling the fault detection, once on this machine: about a minute"):
         rehearse_shadow(watched)
@@ -106,11 +110,9 @@ def shadow(
     if json:
         typer.echo(json_format.dumps(_plain(end), allow_nan=False))
         return
-    from rich.console import Console
-
     from softbot.cli.replay import in_words
 
-    Console(highlight=False).print(_picture(twin, place))
+    _console().print(_picture(twin, place))
     typer.echo(in_words(found))
     for one in looks:
         typer.echo(f"look at   {one['words']}")
@@ -123,17 +125,19 @@ def verdict_in_words(found: dict[str, Any]) -> str:
     return f"{where}: {str(found['kind']).replace('_', ' ')}{bad} ({100.0 * found['confidence']:.0f} %)"
 
 
-def _robot(source: Path | None, robot: str | None) -> Robot:
-    """The robot that was named, or the run folder's, or the default one."""
+def _robot(source: Path | None, robot: str | None) -> tuple[Robot, str]:
+    """The robot that was named, or that of the run folder (or the trace's folder), or the default one; and whose."""
     from softbot.robot import load_robot
 
     if robot is not None:
-        return load_robot(robot)
-    if source is not None and source.is_dir():
-        from sim.scene import load_scene
+        return load_robot(robot), f"of --robot {robot}"
+    if source is not None:
+        scene = (source if source.is_dir() else source.parent) / "scene.toml"
+        if source.is_dir() or (source.is_file() and scene.is_file()):
+            from sim.scene import load_scene
 
-        return load_scene(source / "scene.toml").robot
-    return load_robot("default")
+            return load_scene(scene).robot, f"of {scene}"
+    return load_robot("default"), "shipped with softbot; for another give --robot ROBOT.toml"
 
 
 def _came(
@@ -207,14 +211,22 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _console() -> Console:
+    """As wide as the table of chambers at least: a narrower terminal breaks its lines, and nothing is left out."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.width = max(console.width, _TABLE_WIDTH)
+    return console
+
+
 class _View:
     """The live picture on a terminal; without one nothing is shown until the end."""
 
     def __init__(self, twin: Shadow, title: str, stack: ExitStack, *, shown: bool) -> None:
-        from rich.console import Console
         from rich.live import Live
 
-        console = Console()
+        console = _console()
         self._twin, self._title = twin, title
         self.live = (
             stack.enter_context(Live(console=console, auto_refresh=False, screen=True))
@@ -250,9 +262,11 @@ def _picture(twin: Shadow, title: str) -> RenderableType:
         f"gyro off by {1e3 * roll.gyro_bias_rad_s:.0f}±{1e3 * roll.gyro_bias_deviation_rad_s:.0f} mrad/s, "
         f"grip {100.0 * roll.grip:.0f} %, resistance {100.0 * roll.resistance:.0f} %",
     )
-    table = Table(box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False, collapse_padding=True)
     for name in ("", "pressure", "supply", "exhaust", "leak", "effect", "suspected", "bends", "verdict"):
-        table.add_column(name, justify="left" if name in ("", "verdict") else "right", no_wrap=True)
+        left = name in ("", "verdict")
+        # where room is short a verdict takes two lines, and no number is cut
+        table.add_column(name, justify="left" if left else "right", no_wrap=name != "verdict")
     for number, one in enumerate(now.chambers):
         learnt = one.learnt
         named = "" if one.named is None else f"{one.named.replace('_', ' ')} {one.severity or 0.0:.2f}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,32 @@ def test_a_recording_is_told_in_words_and_health_is_kept(softbot: Any, trace: Pa
     assert "healthy" in result.stdout
     assert "250 samplings" in result.stdout
     assert not (tmp_path / "health.json").exists()  # vented throughout: there was nothing to learn
+
+
+def test_a_trace_in_a_run_folder_is_of_the_robot_of_that_run(softbot: Any, trace: Path, tmp_path: Path) -> None:
+    scene = 'robot = "another.toml"\n[drive]\nkind = "sequencer"\n'
+    result = softbot("shadow", trace)
+    assert "robot: asu_four_chamber_arm, shipped with softbot; for another give --robot" in result.stderr
+    built = (files("softbot") / "data" / "default_robot.toml").read_text("utf-8")
+    (tmp_path / "another.toml").write_text(built.replace("asu_four_chamber_arm", "another"), "utf-8")
+    (tmp_path / "scene.toml").write_text(scene, encoding="utf-8")
+    for source in (trace, tmp_path):
+        result = softbot("shadow", source)
+        assert result.exit_code == 0, result.stderr
+        assert f"robot: another, of {tmp_path / 'scene.toml'}" in result.stderr
+    assert "of --robot default" in softbot("shadow", trace, "--robot", "default").stderr
+
+
+@pytest.mark.parametrize("columns", [50, 80])
+def test_a_narrow_terminal_keeps_the_numbers_of_the_chambers(
+    softbot: Any, trace: Path, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = softbot("shadow", trace).stdout.splitlines()
+    rows = [line.split() for line in lines if "±" in line and "gyro" not in line]
+    assert [row[0] for row in rows] == ["0", "1", "2", "3"]
+    assert [row[-1] for row in rows] == ["healthy"] * 4
+    assert not any("…" in line for line in lines)
 
 
 @pytest.mark.parametrize(
