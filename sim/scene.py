@@ -329,13 +329,32 @@ def load_scene(path: Path, assignments: tuple[str, ...] = ()) -> Scene:
     return scene_from(read_toml(path), str(path), path.parent, assignments)
 
 
+def place_of_robot(path: Path, assignments: tuple[str, ...] = ()) -> str:
+    """Where the robot of a scene file stands, as errors name it before a key: `robot.toml: `, or `scene.toml: robot.`
+
+    An assignment that reaches into the robot counts as the scene's own, as it does in the errors of `load_scene`.
+    """
+    named, rest = _named_robot(assignments)
+    robot = named or read_toml(path).get("robot")
+    if isinstance(robot, str) and not any(one.strip().startswith("robot.") for one in rest):
+        return f"{robot_table(robot, path.parent)[1]}: "
+    return f"{path}: robot."
+
+
+def _named_robot(assignments: tuple[str, ...]) -> tuple[str | None, tuple[str, ...]]:
+    """The robot file that is assigned, if one is, and the other assignments."""
+    named = next((a.split("=", 1)[1] for a in assignments if a.split("=", 1)[0].strip() == "robot" and "=" in a), None)
+    if named is None:
+        return None, assignments
+    return named.strip().strip('"'), tuple(a for a in assignments if a.split("=", 1)[0].strip() != "robot")
+
+
 def scene_from(table: Table, source: str, folder: Path, assignments: tuple[str, ...] = ()) -> Scene:
     """A scene from its tables; `folder` is where a robot file is looked for."""
-    named = next((a.split("=", 1)[1] for a in assignments if a.split("=", 1)[0].strip() == "robot" and "=" in a), None)
+    named, assignments = _named_robot(assignments)
     tables: dict[str, Any] = dict(table)
     if named is not None:
-        assignments = tuple(a for a in assignments if a.split("=", 1)[0].strip() != "robot")
-        tables["robot"] = named.strip().strip('"')
+        tables["robot"] = named
     robot = tables.get("robot")
     if isinstance(robot, str):
         tables["robot"], robot_source = robot_table(robot, folder)

@@ -49,11 +49,13 @@ def plant(
     from dataclasses import asdict
 
     from sim.scene import load_scene
+    from softbot.cli.board_room import check_board_room
     from softbot.cli.perform import import_twin, kept, print_outcome
     from softbot.cli.run_folder import held, open_run_folder
     from softbot.cli.streams import nothing_printed, progress_bar, say
 
     checked = load_scene(scene, tuple(assignments or ()))
+    check_board_room(checked, scene, tuple(assignments or ()))
     folder = open_run_folder(f"{checked.name}-plant", out)
     import_twin(checked)
     with held(folder), nothing_printed(quiet=False) if json or gui else contextlib.nullcontext():

@@ -33,8 +33,10 @@ def run(
 
         explain_plan(checked, json=json)
         return
+    from softbot.cli.board_room import check_board_room
     from softbot.cli.perform import perform
     from softbot.cli.run_folder import open_run_folder
 
+    check_board_room(checked, scene, tuple(assignments or ()))
     folder = open_run_folder(checked.name, out)
     perform(checked, folder, json=json, gui=gui, wall_clock=wall_clock)

@@ -35,15 +35,19 @@ _VENTING = np.full(CHAMBER_COUNT, -1.0)
 _CHALLENGES = 0xFFFF
 
 
-def board_limits(robot: Robot) -> BoardLimits:
-    """What the board enforces for a robot. Raises InputError when its two pressure limits leave no room."""
+def board_limits(robot: Robot, place: str = "robot.") -> BoardLimits:
+    """What the board enforces for a robot. Raises InputError when its two pressure limits leave no room.
+
+    place: where the robot stands, before its keys (`sim.scene.place_of_robot`).
+    """
     try:
         return BoardLimits(robot.max_pressure_Pa, robot.pneumatics.max_chamber_pressure_Pa)
     except LimitsError:
         raise InputError(
-            f"robot.pneumatics.max_chamber_pressure_Pa = {robot.pneumatics.max_chamber_pressure_Pa:g}: the valve board "
-            f"vents there, so it must be above the highest pressure commanded, {robot.max_pressure_Pa:g} Pa "
-            "(robot.actuator.max_pressure_Pa), and at most 809.1 kPa; raise the one or lower the other"
+            f"{place}pneumatics.max_chamber_pressure_Pa = {robot.pneumatics.max_chamber_pressure_Pa:g}: the valve "
+            f"board vents there, so it must be above the highest pressure commanded, {robot.max_pressure_Pa:g} Pa "
+            f"({place.rpartition(' ')[2]}actuator.max_pressure_Pa), and at most 809.1 kPa; raise the one or lower the "
+            "other"
         ) from None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,10 @@ def test_without_out_no_run_is_overwritten(softbot: Any, scene_file: Path) -> No
         ("sequencer.sped_rev_s=1", ["short.toml", "sequencer.sped_rev_s", "did you mean speed_rev_s"]),
         ("world.friction=-1", ["short.toml", "world.friction"]),
         ("solver.step_s=0.003", ["solver.step_s", "divide the control period"]),
-        ("robot.pneumatics.max_chamber_pressure_Pa=1e5", ["max_chamber_pressure_Pa", "raise the one"]),
+        (
+            "robot.pneumatics.max_chamber_pressure_Pa=1e5",
+            ["short.toml: robot.pneumatics.max_chamber_pressure_Pa", "raise the one"],
+        ),
     ],
 )
 def test_bad_input_is_named_and_ends_with_2(softbot: Any, scene_file: Path, assignment: str, words: list[str]) -> None:
@@ -51,6 +55,17 @@ def test_bad_input_is_named_and_ends_with_2(softbot: Any, scene_file: Path, assi
     for word in words:
         assert word in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("command", ["run", "plant"])
+def test_limits_without_room_are_named_by_the_robots_own_file(softbot: Any, scene_file: Path, command: str) -> None:
+    robot = (files("softbot") / "data" / "default_robot.toml").read_text("utf-8")
+    Path("tight.toml").write_text(robot + "\n[pneumatics]\nmax_chamber_pressure_Pa = 50e3\n", "utf-8")
+    result = softbot(command, scene_file, "--set", "robot=tight.toml")
+    assert result.exit_code == 2
+    assert "tight.toml: pneumatics.max_chamber_pressure_Pa = 50000" in result.stderr
+    assert "Pa (actuator.max_pressure_Pa)" in result.stderr
+    assert not Path("runs").exists()
 
 
 def test_a_scene_that_is_not_there_ends_with_2(softbot: Any) -> None:
