@@ -400,7 +400,7 @@ def test_summary_alone_is_that_of_the_whole_run(
         del whole.summary[key], alone.summary[key]
     assert repr(alone.summary) == repr(whole.summary)
     assert alone.telemetry.num_rows == whole.telemetry.num_rows
-    assert "pressure_0_Pa" not in alone.telemetry.column_names
+    assert "command_0_Pa" not in alone.telemetry.column_names
 
 
 def test_rod_plays_its_drive_and_tells_its_energy(scene_table: dict[str, Any], tmp_path: Path) -> None:
