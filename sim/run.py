@@ -166,12 +166,13 @@ def _run(
     except KeyboardInterrupt:
         finish("interrupted")
         raise
-    except SimulationError as error:
+    except Exception as error:
         asked = interruption_asked()
         if asked is not None:  # a library that swallowed it may stumble in its wake
             finish("interrupted")
             raise asked from error
-        finish(f"failed: {error}")
+        if isinstance(error, SimulationError):
+            finish(f"failed: {error}")
         raise
     return finish("done")
 

@@ -124,8 +124,10 @@ def _outcome(task: Callable[[Scene], Any], scene: Scene) -> Any:
     try:
         return task(scene)
     except SoftbotError as error:
+        raise_if_asked()  # it may have stumbled over an interruption that a library swallowed
         return error.with_traceback(None)
     except Exception as error:
+        raise_if_asked()
         return SimulationError(f"unforeseen {type(error).__name__}: {error}")
 
 

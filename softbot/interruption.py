@@ -33,6 +33,12 @@ _RAISES: dict[signal.Signals, type[KeyboardInterrupt]] = {
     signal.SIGHUP: HungUp,
 }
 _asked: type[KeyboardInterrupt] | None = None
+_terminal_is_gone = False
+
+
+def terminal_is_gone() -> bool:
+    """Whether SIGHUP has come since the command began: what was a terminal is nowhere now."""
+    return _terminal_is_gone
 
 
 def interruption_asked() -> type[KeyboardInterrupt] | None:
@@ -50,19 +56,21 @@ def raise_if_asked() -> None:
 def interruptible() -> Iterator[None]:
     """SIGINT raises KeyboardInterrupt here, as ever, SIGTERM Terminated and SIGHUP HungUp.
 
-    Ctrl-C interrupts as often as it is pressed; the second SIGTERM or SIGHUP ends the process. A process that was
-    started deaf to a signal stays so (`nohup`, a script's background), and off the main thread, where no signal is
-    handled, nothing changes.
+    Ctrl-C interrupts as often as it is pressed. Of SIGTERM and SIGHUP only the first raises, if nothing has before it:
+    a shell that is closed sends several, and what is being brought to an end must not be broken off. The second SIGTERM
+    ends the process. A process that was started deaf to a signal stays so (`nohup`, a script's background), and off the
+    main thread, where no signal is handled, nothing changes.
     """
 
     def ask(number: int, frame: FrameType | None) -> None:
         global _asked
-        if number != signal.SIGINT:
-            signal.signal(number, signal.SIG_DFL)
-        _asked = _RAISES[signal.Signals(number)]
-        raise _asked
+        before, _asked = _asked, _asked or _RAISES[signal.Signals(number)]
+        if number == signal.SIGTERM:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if number == signal.SIGINT or before is None:
+            raise _RAISES[signal.Signals(number)]
 
-    global _asked
+    global _asked, _terminal_is_gone
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -70,22 +78,29 @@ def interruptible() -> Iterator[None]:
         with _handled(ask, [one for one in _RAISES if signal.getsignal(one) is not signal.SIG_IGN]):
             yield
     finally:
-        _asked = None
+        _asked, _terminal_is_gone = None, False
 
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Iterator[threading.Event]:
-    """An event that the same signals set; the second one of them does what it did before. SIGINT sets it even in a
-    script's background: there it is how the script says that it is over."""
-    stop = threading.Event()
+    """An event that the same signals set; the next SIGINT or SIGTERM then does what it did before.
+
+    SIGHUP leaves those as they are, as a shell that is closed sends several signals. SIGINT sets the event even in a
+    script's background: there it is how the script says that it is over.
+    """
+    stop, asked = threading.Event(), False
     deaf = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     signals = [one for one in _RAISES if not (deaf and one == signal.SIGHUP)]
     before: dict[signal.Signals, Any] = {one: signal.getsignal(one) for one in signals}
 
     def ask(number: int, frame: FrameType | None) -> None:
-        stop.set()
-        for one, handler in before.items():
-            signal.signal(one, handler)
+        nonlocal asked
+        if number != signal.SIGHUP:
+            for one in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(one, before[one])
+        if not asked:  # the event's lock is held while it is set, and a second signal may come there
+            asked = True
+            stop.set()
 
     with _handled(ask, signals):
         yield stop
@@ -105,7 +120,10 @@ def _handled(handler: Handler, signals: list[signal.Signals]) -> Iterator[None]:
     terminals = [number for number in (0, 1, 2) if _is_terminal(number)]
 
     def handle(number: int, frame: FrameType | None) -> None:
+        global _terminal_is_gone
         if number == signal.SIGHUP:  # what is still to be said must not fail for want of one who hears it
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)
+            _terminal_is_gone = True
             nowhere = os.open(os.devnull, os.O_RDWR)
             for terminal in terminals:
                 os.dup2(nowhere, terminal)

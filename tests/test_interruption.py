@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import pty
 import signal
 import threading
 from collections.abc import Iterator
@@ -20,6 +22,7 @@ from sim.run_many import run_many
 from sim.scene import scene_from
 from sim.telemetry import read_telemetry
 from softbot.cli.exit_status import with_exit_status
+from softbot.cli.streams import nothing_printed
 from softbot.errors import SimulationError
 from softbot.interruption import (
     HungUp,
@@ -72,8 +75,10 @@ def test_a_run_that_swallows_its_interruption_ends_at_the_next_sample(
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "interrupted"
 
 
+@pytest.mark.parametrize("stumbles", [SimulationError("left its range"), TypeError("no matching definition")])
 @SIGNALS
 def test_a_run_that_fails_in_the_wake_of_what_it_swallowed_was_interrupted(
+    stumbles: Exception,
     number: signal.Signals,
     interruption: type[KeyboardInterrupt],
     scene_table: dict[str, Any],
@@ -82,7 +87,7 @@ def test_a_run_that_fails_in_the_wake_of_what_it_swallowed_was_interrupted(
 ) -> None:
     def stumble(self: object, done: int) -> int:
         swallow(number)
-        raise SimulationError("no matching definition")
+        raise stumbles
 
     monkeypatch.setattr(sim_run._StepByStep, "advance", stumble)
     with interruptible(), pytest.raises(interruption) as raised:
@@ -114,19 +119,26 @@ def test_of_many_runs_none_is_begun_after_an_interruption(
     ("number", "status", "said"),
     [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, "hung up")],
 )
-def test_an_unforeseen_error_in_the_wake_of_a_swallowed_signal_is_the_interruption(
-    number: signal.Signals, status: int, said: str
+@pytest.mark.parametrize(
+    ("error", "wake"),
+    [
+        (TypeError("no matching definition"), "TypeError: no matching definition"),
+        (SimulationError("left its range"), ": left its range"),
+    ],
+)
+def test_an_error_in_the_wake_of_a_swallowed_signal_is_the_interruption(
+    number: signal.Signals, status: int, said: str, error: Exception, wake: str
 ) -> None:
     app = typer.Typer()
 
     def command() -> None:
         swallow(number)
-        raise TypeError("no matching definition")
+        raise error
 
     app.command()(with_exit_status(command))
     result = CliRunner().invoke(app, [])
     assert result.exit_code == status
-    assert result.stderr == f"softbot: {said}; in its wake TypeError: no matching definition\n"
+    assert result.stderr == f"softbot: {said}; in its wake{wake if wake.startswith(':') else ' ' + wake}\n"
 
 
 @SIGNALS
@@ -144,14 +156,61 @@ def test_what_was_asked_of_one_command_is_not_asked_of_the_next(
     assert {one: signal.getsignal(one) for one in AT_FIRST} == AT_FIRST
 
 
-def test_the_second_sigterm_ends_the_process_and_the_second_ctrl_c_interrupts_again() -> None:
+@pytest.mark.parametrize("first", AT_FIRST)
+def test_a_shell_that_is_closed_breaks_off_no_end_by_sending_more_than_one_signal(first: signal.Signals) -> None:
     with interruptible():
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            swallow(number)
-            assert signal.getsignal(number) is signal.SIG_DFL
+        with pytest.raises(RAISES[first]):
+            signal.raise_signal(first)
+        for _ in range(3):
+            signal.raise_signal(signal.SIGHUP)
+        if first is not signal.SIGTERM:
+            signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL  # the next one ends the process
+        assert interruption_asked() is RAISES[first]
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
+
+
+def test_signals_of_a_closed_shell_ask_for_one_stop_and_no_more() -> None:
+    with stopped_by_signals() as stop:
+        for number in (signal.SIGHUP, signal.SIGHUP, signal.SIGTERM, signal.SIGHUP):
+            signal.raise_signal(number)
+        assert stop.is_set()
+        assert signal.getsignal(signal.SIGTERM) == AT_FIRST[signal.SIGTERM]
+
+
+def test_a_signal_that_comes_while_the_stop_is_being_set_does_not_wait_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    notify_all = threading.Condition.notify_all
+
+    def interrupted(self: threading.Condition) -> None:  # the event holds its lock here
+        signal.raise_signal(signal.SIGTERM)
+        notify_all(self)
+
+    with stopped_by_signals() as stop:
+        monkeypatch.setattr(threading.Condition, "notify_all", interrupted)
+        signal.raise_signal(signal.SIGHUP)
+        assert stop.is_set()
+
+
+def test_what_is_said_to_a_terminal_that_is_gone_is_no_error() -> None:
+    """As `--json` does: the terminal is put aside, hangs up, and is not put back."""
+    terminal, its_end = pty.openpty()
+    kept = [os.dup(number) for number in (1, 2)]
+    try:
+        for number in (1, 2):
+            os.dup2(its_end, number)
+        with interruptible():
+            with nothing_printed():
+                os.close(terminal)
+                swallow(signal.SIGHUP)
+            os.write(1, b"answer")
+            os.write(2, b"message")
+    finally:
+        for number, was in zip((1, 2), kept, strict=True):
+            os.dup2(was, number)
+            os.close(was)
+        os.close(its_end)
 
 
 @pytest.mark.parametrize("number", AT_FIRST)
@@ -168,7 +227,7 @@ def test_a_signal_asks_for_the_stop_and_a_second_one_is_not_held(number: signal.
         assert not stop.is_set()
         signal.raise_signal(number)
         assert stop.is_set()
-        assert signal.getsignal(number) == AT_FIRST[number]
+        assert signal.getsignal(number) == (signal.SIG_IGN if number is signal.SIGHUP else AT_FIRST[number])
     assert signal.getsignal(number) == AT_FIRST[number]
 
 

@@ -25,6 +25,7 @@ from sim.scene import Scene
 from softbot.campaign.campaign import Campaign, Draws
 from softbot.campaign.outcome import OUTCOME_SCHEMA, Seen, outcome
 from softbot.errors import InputError, SimulationError, SoftbotError
+from softbot.interruption import raise_if_asked
 from softbot.robot import Robot
 from softbot.toml_file import check, read_toml, write_toml
 
@@ -45,6 +46,7 @@ def run_row(draws: Draws, number: int) -> dict[str, Any]:
 
             row |= consequence(run.scene, run.known)
     except SimulationError as error:
+        raise_if_asked()  # else what an interruption broke would count as a run that failed
         row["outcome"] = f"failed: {error}"
     row["drawn"] = json.dumps(run.values, sort_keys=True)
     return row

@@ -36,6 +36,8 @@ def with_exit_status(command: Callable[Options, None]) -> Callable[Options, None
             except KeyboardInterrupt as interruption:
                 _end_interrupted(type(interruption))
             except SoftbotError as error:
+                if (asked := interruption_asked()) is not None:
+                    _end_interrupted(asked, f"; in its wake: {error}")
                 _end(str(error), error.exit_status)
             except ProtocolError as error:
                 _end(str(error), InputError.exit_status)

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from softbot.interruption import terminal_is_gone
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -25,6 +27,7 @@ def nothing_printed(quiet: bool = True) -> Iterator[None]:
         return
     sys.stdout.flush()
     saved = [os.dup(number) for number in (1, 2)]
+    terminals = [os.isatty(number) for number in (1, 2)]
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere if quiet else 2, 1)
@@ -34,8 +37,8 @@ def nothing_printed(quiet: bool = True) -> Iterator[None]:
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
-        for number, kept in zip((1, 2), saved, strict=True):
-            os.dup2(kept, number)
+        for number, kept, terminal in zip((1, 2), saved, terminals, strict=True):
+            os.dup2(nowhere if terminal and terminal_is_gone() else kept, number)
             os.close(kept)
         os.close(nowhere)
 

@@ -84,6 +84,7 @@ def test_a_run_whose_terminal_is_gone_is_finished(
 
     wait_until_under_way(folder, alive)
     os.close(terminal)
+    process.send_signal(signal.SIGHUP)  # the shell says it, too
     os.close(its_end)  # not before: a terminal that nobody has open cannot be read
     assert process.wait(timeout=60.0) == status
     check_finished(folder)
