@@ -94,7 +94,7 @@ class PressureLoopDesign:
         """The operating points and their margins as lines of text, the worst phase margin marked."""
         lines = [
             f"k_p = {self.gains.proportional_1_s:.2f} 1/s, k_i = {self.gains.integral_1_s2:.2f} 1/s2, "
-            f"sample {self.gains.sample_s * 1e3:g} ms",
+            f"sample {self.gains.sample_s * 1e3:g} ms, setpoint at most {self.gains.setpoint_rate_Pa_s / 1e3:g} kPa/s",
             "pressure [kPa]  opening  volume  gain margin [dB]  phase margin [deg]  crossover [rad/s]",
         ]
         lines += [
@@ -302,7 +302,8 @@ def design_pressure_loop(
     """The fastest PI law whose worst operating point keeps the wanted margins.
 
     Where no gain keeps them with valves half open, the setpoint's rate is halved until one does with valves no
-    further open than that rate takes them: slow valves, or large ones on small chambers, are moved slowly.
+    further open than that rate takes them: slow valves, or large ones on small chambers, are moved slowly. Further
+    open, as a large leak holds them, such a loop has smaller margins than it says (`analyse_pressure_loop`).
 
     k_i = `integral_ratio` k_p^2 (0.25 would make the ideal closed loop critically damped); k_p by bisection over the
     loops of `analyse_pressure_loop`. `limits` are further fields of `PressureLoopGains`.

@@ -118,7 +118,8 @@ def _after(recording: Recording, fault: dict[str, Any], until_s: float, first_fa
     timed: list[tuple[float, int, str]] = []  # the number orders what happens at the same time
 
     end_s = float(recording.t_s[-1])  # the next fault may strike before this one is found
-    named = _verdict_on(fault, _within(recording, "detections", t_s, end_s))
+    struck = _within(recording, "faults", float(recording.t_s[0]), end_s)
+    named = _verdict_on(fault, struck, _within(recording, "detections", t_s, end_s))
     if named is not None:
         timed.append((float(named["t_s"]), 1, _naming(named, fault)))
     elif recording.drive_kind == "sequencer":
@@ -168,11 +169,19 @@ def _answered(recoveries: list[dict[str, Any]]) -> list[tuple[float, int, str]]:
     return found
 
 
-def _verdict_on(fault: dict[str, Any], since: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """The first verdict on where a fault is, or else the first that it gave reason for and that named none rightly."""
+def _verdict_on(
+    fault: dict[str, Any], struck: list[dict[str, Any]], since: list[dict[str, Any]]
+) -> dict[str, Any] | None:
+    """The first verdict on where a fault is, or else the first that it alone gave reason for, under another name."""
     there = [one for one in since if one.get("chamber") == fault.get("chamber")]
-    misnamed = [one for one in since if one.get("judgement") == Judgement.MISNAMED]
-    elsewhere = [one for one in misnamed if gives_reason(_told(fault), _told(one))]
+    others = [_told(one) for one in struck if one != fault]
+    elsewhere = [
+        one
+        for one in since
+        if one.get("judgement") == Judgement.MISNAMED
+        and gives_reason(_told(fault), _told(one))
+        and not any(other.chamber == _told(one).chamber and other.t_s <= _told(one).t_s for other in others)
+    ]
     return next(iter(there + elsewhere), None)
 
 

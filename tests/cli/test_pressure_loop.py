@@ -31,6 +31,7 @@ def test_margins_are_printed_with_the_worst_of_them(quick: Any) -> None:
     result = quick("pressure-loop", "default")
     assert result.exit_code == 0, result.stderr
     assert "k_p = 18.00 1/s" in result.stdout
+    assert "setpoint at most 600 kPa/s" in result.stdout
     assert "worst: gain margin" in result.stdout
     assert "stable everywhere" in result.stdout
 

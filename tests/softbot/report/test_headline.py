@@ -177,3 +177,13 @@ def test_headline_tells_a_wrong_name_in_another_place(runs: Any, tmp_path: Path)
     assert "took it for a blocked inlet of chamber 1 1.0 s later" in text
     text = runs.told(tmp_path / "b", faults=[runs.RUPTURE], detections=[taken | {"judgement": "false alarm"}])
     assert "did not notice" in text
+
+
+def test_headline_leaves_a_verdict_to_the_fault_whose_chamber_it_is(runs: Any, tmp_path: Path) -> None:
+    payload = {"t_s": 2.0, "chamber": -1, "kind": "payload"}
+    leak = {"t_s": 4.0, "chamber": 2, "kind": "leak"}
+    taken = {"t_s": 4.5, "chamber": 2, "kind": "rupture", "delay_s": None, "judgement": "misnamed"}
+    text = runs.told(tmp_path / "a", faults=[payload, leak], detections=[taken])
+    assert text.count("took it for") == 1
+    assert "took it for a rupture 0.5 s later" in text
+    assert "did not notice" in text
