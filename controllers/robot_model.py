@@ -64,10 +64,16 @@ class RobotModel(NamedTuple):
     """The same for pressures at the chambers themselves, behind their lines."""
 
 
-def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: float = 0.0) -> RobotModel:
+def robot_model(
+    robot: Robot,
+    bend_rad: float | None = None,
+    co_contraction_Pa: float = 0.0,
+    setpoint_rate_Pa_s: float = math.inf,
+) -> RobotModel:
     """The model of a robot file.
 
     bend_rad: of the C to roll with [rad]; None: what every chamber can give, but at most `LARGEST_DEFAULT_BEND_rad`.
+    setpoint_rate_Pa_s: by which the board's pressure loop lets a setpoint move at most.
     """
     law, memory = robot.actuator_law(), robot.actuator_memory()
     if bend_rad is None:
@@ -88,7 +94,7 @@ def robot_model(robot: Robot, bend_rad: float | None = None, co_contraction_Pa: 
         _pressure_table(law, robot.max_pressure_Pa, co_contraction_Pa, largest),
         float(co_contraction_Pa),
         float(robot.radius_m * coulomb_advance_ratio(half_bend)),
-        pressure_lag_s(robot, USE_OF_LIMIT * robot.max_pressure_Pa),
+        pressure_lag_s(robot, USE_OF_LIMIT * robot.max_pressure_Pa, setpoint_rate_Pa_s),
         float(curvature**2 * law.rest_bending_stiffness_N_m2 * robot.length_m / _rolling_inertia_kg_m2(robot)),
         robot.pneumatics.as_arrays(),
         float(robot.sensors.pressure_noise_Pa),
@@ -112,11 +118,12 @@ def _rolling_inertia_kg_m2(robot: Robot) -> float:
     return 1.5 * robot.mass_kg * robot.radius_m**2
 
 
-def pressure_lag_s(robot: Robot, pressure_Pa: float) -> float:
+def pressure_lag_s(robot: Robot, pressure_Pa: float, setpoint_rate_Pa_s: float = math.inf) -> float:
     """Time constant of the chambers [s]: with valves fully open up to, or down by, 1 − 1/e of this pressure.
 
     Mean of filling and venting and of the chambers, each bending the robot alone, with the lag of the valves; the gas
-    is isothermal and the manifold stays at the regulator's pressure, as in `softbot.pneumatics`.
+    is isothermal and the manifold stays at the regulator's pressure, as in `softbot.pneumatics`. Where the setpoint
+    takes longer for as much at its rate, that is the time.
     """
     gas, law = robot.pneumatics, robot.actuator_law()
     share = -math.expm1(-1.0)
@@ -133,7 +140,7 @@ def pressure_lag_s(robot: Robot, pressure_Pa: float) -> float:
             flow_kg_s = [_flow_kg_s(robot, chamber, one, begin_Pa < end_Pa) for one in middle_Pa.tolist()]
             mass_kg = np.abs(np.diff(amount_J)) / gas.gas_constant_times_temperature_J_kg
             mean_s += float(np.sum(mass_kg / np.array(flow_kg_s))) / (2 * CHAMBERS)
-    return mean_s + gas.valve_lag_s
+    return max(mean_s, share * pressure_Pa / setpoint_rate_Pa_s) + gas.valve_lag_s
 
 
 def _flow_kg_s(robot: Robot, chamber: int, absolute_Pa: float, fills: bool) -> float:

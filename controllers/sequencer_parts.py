@@ -125,7 +125,10 @@ def sequencer_memory() -> SequencerMemory:
 
 @dataclass(frozen=True)
 class SequencerConfig:
-    """The robot as the sequencer knows it, and its tuning."""
+    """The robot as the sequencer knows it, and its tuning.
+
+    `setpoint_rate_Pa_s`: by which the board's pressure loop lets a setpoint move at most.
+    """
 
     robot: Robot
     recovery: bool = True
@@ -135,30 +138,13 @@ class SequencerConfig:
     detection: bool = True
     excitation_Pa: float = 0.0
     excitation_period_s: float = 0.3
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        *,
-        recovery: bool = True,
-        lead_rad: float = 0.8,
-        bend_rad: float | None = None,
-        co_contraction_Pa: float = 0.0,
-        detection: bool = True,
-        excitation_Pa: float = 0.0,
-        excitation_period_s: float = 0.3,
-    ) -> SequencerConfig:
-        """Configuration for a robot file."""
-        return cls(
-            robot, recovery, lead_rad, bend_rad, co_contraction_Pa, detection, excitation_Pa, excitation_period_s
-        )
+    setpoint_rate_Pa_s: float = math.inf
 
     def parts(self) -> SequencerParts:
         """As compiled code takes it."""
         detector = parts_of_detector(self.robot.pneumatics, self.robot.sensors, None if self.detection else SILENT)
         return SequencerParts(
-            robot_model(self.robot, self.bend_rad, self.co_contraction_Pa),
+            robot_model(self.robot, self.bend_rad, self.co_contraction_Pa, self.setpoint_rate_Pa_s),
             detector,
             bool(self.detection),
             bool(self.recovery),

@@ -259,11 +259,13 @@ def _keep_events(memory: SequencerMemory, heard: Heard, t_s: float) -> None:
 
 
 @lru_cache(maxsize=16)
-def _known(robot: str, tuning: tuple[tuple[str, Any], ...]) -> Any:
+def _known(robot: str, tuning: tuple[tuple[str, Any], ...], gains: PressureLoopGains | None) -> Any:
     """Controller and pressure loop of a robot file's text: the same for thousands of runs."""
     known = Robot.model_validate_json(robot)
-    parts = SequencerConfig.of(known, **dict(tuning)).parts()
-    return parts, designed_gains(known), nominal_volumes_m3(known), bus_rules(board_limits(known))
+    gains = gains or designed_gains(known)
+    parts = SequencerConfig(known, **dict(tuning), setpoint_rate_Pa_s=gains.setpoint_rate_Pa_s).parts()
+    volumes_m3 = nominal_volumes_m3(known)
+    return parts, pack_pressure_loop(gains, known.pneumatics, volumes_m3), bus_rules(board_limits(known))
 
 
 _ENTRIES: dict[tuple[type, ...], Callable[..., int]] = {}
@@ -295,14 +297,14 @@ class DirectRun:
         assert isinstance(twin, RodTwin)
         self.twin = twin
         self.plant = Plant(scene.robot, twin, scene.fault, world_of(scene).gravity_vector_m_s2, scene.solver.seed)
-        self.sequencer, gains, volumes, self._rules = _known(
+        self.sequencer, packed, self._rules = _known(
             known.model_dump_json(by_alias=True, exclude_none=True),
             tuple(sequencer_tuning(own).items()),
+            self.gains,
         )
         self.memory = sequencer_memory()
         self._bus = bus_memory()
         reference, model, integral, opening, acted = (np.zeros(CHAMBER_COUNT) for _ in range(5))
-        packed = pack_pressure_loop(self.gains or gains, known.pneumatics, volumes)
         shut = np.ones(1, dtype=np.bool_)
         relief = relief_memory(known.pneumatics.valve_lag_s, CONTROL_PERIOD_S)
         self._valves = Valves(packed, reference, model, integral, opening, acted, shut, relief)

@@ -59,7 +59,7 @@ def run_lockstep(
     with ExitStack() as stack:
         twin = make_twin(scene, gui=gui)
         stack.callback(twin.close)
-        own = SequencerNode(scene, sequencer or make_sequencer(scene, known))
+        own = SequencerNode(scene, sequencer or make_sequencer(scene, known, gains))
         recorder = Recorder(scene, run_dir, record=record)
         plant = PlantNode(scene, twin, recorder, gains, board, known)
         interface, channel = transport or ("virtual", f"softbot-lockstep-{next(_channels)}")

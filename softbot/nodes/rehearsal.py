@@ -8,6 +8,8 @@ control, as fast as it goes, against a stand-in that is no more than a counterpa
 from __future__ import annotations
 
 from controllers.pressure_loop import PressureLoopGains
+from controllers.sequencer import Sequencer
+from controllers.sequencer_parts import SequencerConfig
 from firmware_protocol.board import BoardRules
 from firmware_protocol.frame import Frame
 from firmware_protocol.sequencer_link import SequencerLink
@@ -17,7 +19,7 @@ from sim.twins import make_twin
 from softbot.faults import CHAMBER_COUNT
 from softbot.nodes.deciding_board import DecidingBoard
 from softbot.nodes.plant_node import PlantNode, board_limits
-from softbot.nodes.sequencer_node import SequencerNode
+from softbot.nodes.sequencer_node import SequencerNode, sequencer_tuning
 
 REHEARSAL_S = 0.5
 _TIMES_S = [round(cycle * CONTROL_PERIOD_S, 6) for cycle in range(round(REHEARSAL_S / CONTROL_PERIOD_S))]
@@ -48,7 +50,8 @@ def rehearse_plant(
 def rehearse_sequencer(scene: Scene) -> None:
     """The scene's sequencer, armed by the board's rules, on readings that never change."""
     at_once = scene.sequencer.model_copy(update={"start_s": 0.0})
-    node = SequencerNode(scene.model_copy(update={"sequencer": at_once}))
+    sequencer = Sequencer(SequencerConfig(scene.robot, **sequencer_tuning(at_once)))  # no gains need be designed for it
+    node = SequencerNode(scene.model_copy(update={"sequencer": at_once}), sequencer)
     rules = BoardRules(board_limits(scene.robot))
     pressures_Pa = [0.0] * CHAMBER_COUNT
     said: list[Frame] = []

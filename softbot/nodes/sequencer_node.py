@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.interface import Command, Detection, Order, Recovery, SequencerOutput, SequencerState
+from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol import enumerations
 from firmware_protocol.enumerations import EmergencyReason, FaultKind, Health
 from firmware_protocol.frame import Frame
@@ -59,7 +60,7 @@ _TUNING = (
 
 
 def sequencer_tuning(table: SequencerTable) -> dict[str, Any]:
-    """What of a `[sequencer]` table is the sequencer's own (`SequencerConfig.of`), and no order."""
+    """What of a `[sequencer]` table is the sequencer's own (`SequencerConfig`), and no order."""
     return {name: getattr(table, name) for name in _TUNING}
 
 
@@ -68,12 +69,20 @@ def ordered(table: SequencerTable) -> Order:
     return Order(Command(table.command), table.speed_rev_s, table.distance_m, table.turn_back)
 
 
-def make_sequencer(scene: Scene, known: Robot | None = None) -> ChamberSequencer:
-    """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table."""
+def make_sequencer(
+    scene: Scene, known: Robot | None = None, gains: PressureLoopGains | None = None
+) -> ChamberSequencer:
+    """The sequencer of a scene's robot (or of the `known` one) and `[sequencer]` table.
+
+    gains: of the board's pressure loop, which say how fast its setpoints move; None: those designed for the robot.
+    """
     from controllers.sequencer import Sequencer
     from controllers.sequencer_parts import SequencerConfig
+    from softbot.nodes.valve_loop import designed_gains
 
-    return Sequencer(SequencerConfig.of(known or scene.robot, **sequencer_tuning(scene.sequencer)))
+    robot = known or scene.robot
+    rate_Pa_s = (gains or designed_gains(robot)).setpoint_rate_Pa_s
+    return Sequencer(SequencerConfig(robot, **sequencer_tuning(scene.sequencer), setpoint_rate_Pa_s=rate_Pa_s))
 
 
 class SequencerNode:

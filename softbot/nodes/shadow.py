@@ -130,7 +130,7 @@ class Shadow:
         """All verdicts so far."""
         self.armed_s = 0.0
         self.t_s = 0.0
-        self._sequencer = Sequencer(SequencerConfig.of(robot))
+        self._sequencer = Sequencer(SequencerConfig(robot))
         self._node = SequencerNode(scene, self._sequencer)
         self._node.link = ListeningLink()
         self._of_the_board = {message.frame_id for message in spec().messages if message.sender == BOARD}
@@ -263,7 +263,7 @@ class Shadow:
 def rehearse_shadow(robot: Robot) -> None:
     """Compile what a shadow needs, so that it misses nothing when it listens."""
     still = Readings(0.0, np.zeros(CHAMBER_COUNT), 0.0, np.zeros(3), np.zeros(3), np.zeros(CHAMBER_COUNT))
-    Sequencer(SequencerConfig.of(robot)).update(0.0, still)
+    Sequencer(SequencerConfig(robot)).update(0.0, still)
 
 
 def trace_frames(path: Path) -> Iterator[Seen]:

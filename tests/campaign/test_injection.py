@@ -74,7 +74,7 @@ def test_over_a_bus_and_without_one_the_same_is_found() -> None:
 
     fault: dict[str, Any] = {"chamber": 3, "at_s": 1.5, "settings": ("solver.duration_s=5", "sequencer.start_s=0.1")}
     direct = inject("stuck_open", **fault)
-    on_bus = inject("stuck_open", **fault, sequencer=Sequencer(SequencerConfig.of(load_robot("default"))))
+    on_bus = inject("stuck_open", **fault, sequencer=Sequencer(SequencerConfig(load_robot("default"))))
     assert direct.named == on_bus.named == ("stuck_open", 3)
     assert direct.named_right
     for name in direct.row.keys() - {

@@ -141,7 +141,7 @@ def closed_loop(robot: Robot) -> Callable[..., LoopRun]:
         plant = Plant(real, twin, faults, 9.81, seed)
         gains = PressureLoopGains(proportional_1_s=20.0, integral_1_s2=20.0, sample_s=CYCLE_S, model_lag_s=0.03)
         valves = PressureLoop(gains, robot.pneumatics, 62e-6)
-        sequencer = Sequencer(SequencerConfig.of(robot, **config))
+        sequencer = Sequencer(SequencerConfig(robot, **config))
         sequencer.order(Order(command, speed_rev_s, distance_m), 0.0)
         pending = list(orders)
         is_armed = False

@@ -11,10 +11,14 @@ import pytest
 from controllers import pressure_loop
 from controllers.pressure_loop import PressureLoop, PressureLoopGains
 from controllers.pressure_loop_design import analyse_pressure_loop, design_pressure_loop
+from controllers.proof import FILLED_WITHIN, NEAR, TEST_SHARE, VENTED_WITHIN
+from controllers.robot_model import USE_OF_LIMIT, pressure_lag_s
 from softbot.errors import InputError
 from softbot.faults import Fault, FaultKind, PneumaticConditions
+from softbot.nodes.valve_loop import nominal_volumes_m3
 from softbot.plant_conditions import PlantConditions
 from softbot.pneumatics import PneumaticsParameters, initial_state, step_in_place
+from softbot.robot import robot_from
 
 SAMPLE_s = 5e-3
 PLANT_STEP_s = 1e-3
@@ -158,6 +162,33 @@ def test_valves_too_slow_or_large_for_their_chambers_are_moved_slowly(lag_s, vol
     assert down.min() > 1e3
     assert up[-1] == pytest.approx(80e3, abs=1e3)
     assert down[-1] == pytest.approx(5e3, abs=1e3)
+
+
+@pytest.mark.parametrize(("radius_m", "lag_s"), [(8e-3, 0.01), (12e-3, 0.2)])
+def test_a_sound_chamber_passes_its_proof_where_setpoints_move_slowly(radius_m, lag_s):
+    table = {"length_m": 0.15, "radius_m": radius_m, "material": "Dragon Skin 30", "pneumatics": {"valve_lag_s": lag_s}}
+    robot = robot_from(table, "small.toml")
+    volume_m3 = float(nominal_volumes_m3(robot).mean())
+    gains = design_pressure_loop(robot.pneumatics, volume_m3, 10e-3).gains
+    working_Pa = USE_OF_LIMIT * robot.max_pressure_Pa
+    test_Pa = TEST_SHARE * robot.max_pressure_Pa
+    up, down = (
+        simulate(
+            gains,
+            constant(*[to_Pa] * 4),
+            10.0,
+            start_Pa=(from_Pa,) * 4,
+            parameters=robot.pneumatics,
+            volume_m3=volume_m3,
+        )
+        for from_Pa, to_Pa in ((0.0, test_Pa), (test_Pa, 0.0))
+    )
+    filled_s = settling_s(up.t_s, up.pressure_Pa[:, 0], test_Pa, NEAR * test_Pa)
+    vented_s = settling_s(down.t_s, down.pressure_Pa[:, 0], 0.0, NEAR * test_Pa)
+    known_s = pressure_lag_s(robot, working_Pa, gains.setpoint_rate_Pa_s)
+    assert filled_s < FILLED_WITHIN * known_s
+    assert vented_s < VENTED_WITHIN * known_s
+    assert filled_s > FILLED_WITHIN * pressure_lag_s(robot, working_Pa)  # as if its setpoint stepped
 
 
 def test_slower_sampling_costs_bandwidth_and_not_margin(design):

@@ -84,7 +84,7 @@ def test_one_that_did_not_is_tried_once_and_left_out(closed_loop, robot):
 
 
 def test_a_milder_name_gives_nothing_back_before_the_robot_rests(robot):
-    sequencer = Sequencer(SequencerConfig.of(robot))
+    sequencer = Sequencer(SequencerConfig(robot))
     sequencer.order(Order(Command.LEFT), 0.0)
     sequencer.armed(True)
     named = sequencer.memory.detector.own[0]["named"]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from controllers.robot_model import USE_OF_LIMIT, robot_model
+from controllers.robot_model import USE_OF_LIMIT, pressure_lag_s, robot_model
 from softbot.robot import load_robot, robot_from
 
 SOFT = {
@@ -39,3 +39,13 @@ def test_any_other_bends_as_far_as_its_weakest_chamber_takes_it() -> None:
     weakest = min(float(np.hypot(*own.actuator_law().equilibrium(one).curvature_1_m)) for one in pressures)
     assert robot_model(own).curvature_1_m == pytest.approx(weakest, rel=1e-12)
     assert weakest * own.length_m < math.pi
+
+
+def test_a_setpoint_that_moves_slower_than_open_valves_sets_the_lag() -> None:
+    own = load_robot("default")
+    working_Pa = USE_OF_LIMIT * own.max_pressure_Pa
+    valves_s = pressure_lag_s(own, working_Pa)
+    assert pressure_lag_s(own, working_Pa, 600e3) == valves_s
+    slow_s = pressure_lag_s(own, working_Pa, 50e3)
+    assert slow_s == pytest.approx((1.0 - math.exp(-1.0)) * working_Pa / 50e3 + own.pneumatics.valve_lag_s)
+    assert robot_model(own, setpoint_rate_Pa_s=50e3).lag_s == slow_s > 3.0 * valves_s

@@ -128,7 +128,7 @@ def resting(t_s: float) -> Readings:
 
 
 def test_it_asks_for_no_pressure_before_the_board_is_armed(robot):
-    sequencer = Sequencer(SequencerConfig.of(robot))
+    sequencer = Sequencer(SequencerConfig(robot))
     assert sequencer.state is S.DISARMED
     assert not sequencer.update(0.0, resting(0.0)).wants_armed
     sequencer.order(Order(Command.LEFT), 0.01)
@@ -144,7 +144,7 @@ def test_it_asks_for_no_pressure_before_the_board_is_armed(robot):
 
 
 def test_a_bend_that_is_ordered_is_the_bend_that_is_commanded(robot):
-    sequencer = Sequencer(SequencerConfig.of(robot, bend_rad=0.3))
+    sequencer = Sequencer(SequencerConfig(robot, bend_rad=0.3))
     sequencer.order(Order(Command.LEFT), 0.0)
     sequencer.armed(True)
     for cycle in range(3):

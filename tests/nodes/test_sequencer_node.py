@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from controllers.interface import Command, Order, SequencerState
+from controllers.pressure_loop import PressureLoopGains
 from firmware_protocol import enumerations
 from firmware_protocol.board import BoardDecision, BoardLimits, BoardRules
 from firmware_protocol.codec import decode
@@ -287,7 +289,11 @@ def test_a_board_that_restarts_begins_a_new_clock(make_scene: MakeScene, scripte
     assert sequencer.readings[-1].t_s == pytest.approx(0.49, abs=0.05)
 
 
-def test_the_scenes_sequencer_is_the_controllers(make_scene: MakeScene) -> None:
+def test_the_scenes_sequencer_is_the_controllers(make_scene: MakeScene, gains: PressureLoopGains) -> None:
     from controllers.sequencer import Sequencer
 
-    assert isinstance(make_sequencer(make_scene("sequencer.recovery=false")), Sequencer)
+    made = make_sequencer(make_scene("sequencer.recovery=false"), gains=gains)
+    assert isinstance(made, Sequencer)
+    slow = make_sequencer(make_scene(), gains=replace(gains, setpoint_rate_Pa_s=50e3))
+    assert isinstance(slow, Sequencer)
+    assert slow.parts.model.lag_s > 3.0 * made.parts.model.lag_s  # setpoints move slowly, and pressures with them
