@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from calib.calibration import DENSITY_KG_M3, PRESSURE_RESERVE, largest_allowed_Pa
 from softbot.cross_section import DEFAULT_CENTROID_RATIO, DEFAULT_CHAMBER_AREA_RATIO
 
@@ -17,6 +19,12 @@ def section_assumed(centroid_fitted: bool) -> list[str]:
 def gains_assumed(still: list[int]) -> list[str]:
     """Of chambers that were never driven."""
     return [f"gain 1 of chamber{'s' if len(still) > 1 else ''} {listed(still)}: never driven"] if still else []
+
+
+def one_gain_assumed(groups: Iterable[Sequence[int]]) -> list[str]:
+    """Of chambers that a recording always drove alike; groups: chambers with one gain each."""
+    alike = (sorted(group) for group in groups if len(group) > 1)
+    return [f"one gain for chambers {listed(group)}: they always had the same pressure" for group in alike]
 
 
 def limit_assumed(largest_Pa: float) -> str:

@@ -16,7 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from calib.assumptions import gains_assumed, limit_assumed, mass_assumed, never_driven, section_assumed
+from calib.assumptions import (
+    gains_assumed,
+    limit_assumed,
+    mass_assumed,
+    never_driven,
+    one_gain_assumed,
+    section_assumed,
+)
 from calib.bend_table import BendTable, FloatArray
 from calib.calibration import (
     DAMPING_TIME_S,
@@ -263,6 +270,7 @@ def calibrate_recording(
     still = [i for i in range(CHAMBERS) if not any(i in trial.driven for trial in trials)]
     warnings += never_driven(still)
     assumptions += [*_memory_assumed(fit.model), *section_assumed(centroid_fitted=False), *gains_assumed(still)]
+    assumptions += one_gain_assumed(fit.model.groups)
     assumptions += [limit_assumed(fit.model.largest_pressure_Pa), mass_assumed(geometry.mass_kg)]
     return SeriesCalibration(
         table, tuple(trials), choice, parameters, tuple(assumptions), tuple(warnings), geometry.mass_kg, _next(found)

@@ -303,7 +303,8 @@ def design_pressure_loop(
 
     Where no gain keeps them with valves half open, the setpoint's rate is halved until one does with valves no
     further open than that rate takes them: slow valves, or large ones on small chambers, are moved slowly. Further
-    open, as a large leak holds them, such a loop has smaller margins than it says (`analyse_pressure_loop`).
+    open, as a large leak holds them, such a loop is stable, with smaller margins than it says
+    (`analyse_pressure_loop` tells them).
 
     k_i = `integral_ratio` k_p^2 (0.25 would make the ideal closed loop critically damped); k_p by bisection over the
     loops of `analyse_pressure_loop`. `limits` are further fields of `PressureLoopGains`.
@@ -341,7 +342,10 @@ def design_pressure_loop(
             math.inf if slower == 1.0 else gains.setpoint_rate_Pa_s,
         )
         design = _fastest_design(control, gains, integral_ratio, plants, keeps)
-        if design is not None:
+        if design is None:
+            continue
+        # valves that a leak or a step holds further open than the setpoint's rate does must not make it swing
+        if slower == 1.0 or analyse_pressure_loop(parameters, chamber_volume_m3, design.gains).stable:
             return design
     raise InputError(
         f"no pressure loop keeps {phase_margin_deg:g} deg and {gain_margin_dB:g} dB at every operating point, however "

@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import IO, TYPE_CHECKING, Any
@@ -84,9 +85,17 @@ def run_many(
 def serve() -> None:
     """What a process of `run_many` does: answer scenes from its standard input on its standard output."""
     left_to_the_parent()
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what engines print must not get among the replies
     answer(sys.stdin.buffer, replies)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has gone, however it went: nobody will hear the answer."""
+    while os.getppid() == parent:
+        time.sleep(_LISTENING_S)
+    os._exit(1)
 
 
 def answer(source: IO[bytes], replies: IO[bytes]) -> None:

@@ -99,10 +99,12 @@ def _replay(draws: Any, number: int, folder: Path, *, json: bool) -> None:
     from softbot.cli.perform import perform
     from softbot.cli.run_folder import open_run_folder
     from softbot.errors import InputError
+    from softbot.nodes.plant_node import board_limits
 
     if not 0 <= number < draws.campaign.runs:
         raise InputError(f"--replay {number}: the campaign has runs 0 to {draws.campaign.runs - 1}")
     run = draws.run(number)
+    board_limits(run.known or run.scene.robot)  # refused before a folder is made
     perform(run.scene, open_run_folder(run.scene.name, folder / f"run-{number}"), json=json, known=run.known)
 
 

@@ -34,11 +34,13 @@ def demo(
     from softbot.cli.perform import perform
     from softbot.cli.run_folder import open_run_folder
     from softbot.cli.streams import messages
+    from softbot.nodes.plant_node import board_limits
     from softbot.toml_file import write_toml
 
     with messages().status("calibrating the robot"):
         calibration = calibrate_shipped_table()
         scene = demo_scene(calibration, tuple(assignments or ()))
+        board_limits(scene.robot)  # refused before a folder is made
         folder = open_run_folder(scene.name, out)
         write_toml(folder / "robot.toml", calibration.robot_table(ROBOT_NAME))
         save_figure(calibration, folder / "calibration.png")

@@ -20,10 +20,13 @@ def pressure_loop(
     from softbot.cli.streams import messages
 
     with messages().status("designing the pressure loop"):
-        from softbot.nodes.valve_loop import design
+        from controllers.pressure_loop import DEFAULT_SETPOINT_RATE_Pa_s
+        from softbot.nodes.valve_loop import design, half_open
         from softbot.robot import load_robot
 
-        found = design(load_robot(robot))
+        known = load_robot(robot)
+        found = design(known)
+        leaking = half_open(known, found.gains)
     if json:
         import json as json_format
         from dataclasses import asdict
@@ -34,6 +37,11 @@ def pressure_loop(
             "phase_margin_deg": found.phase_margin_deg,
             "bandwidth_rad_s": found.bandwidth_rad_s,
             "stable": found.stable,
+            "half_open": {
+                "gain_margin_dB": leaking.gain_margin_dB,
+                "phase_margin_deg": leaking.phase_margin_deg,
+                "stable": leaking.stable,
+            },
             "points": [asdict(point) for point in found.points],
         }
         typer.echo(json_format.dumps(answer))
@@ -44,3 +52,8 @@ def pressure_loop(
         f"bandwidth when holding at least {found.bandwidth_rad_s:.1f} rad/s; "
         f"{'stable everywhere' if found.stable else 'UNSTABLE somewhere'}"
     )
+    if found.gains.setpoint_rate_Pa_s < DEFAULT_SETPOINT_RATE_Pa_s:
+        typer.echo(
+            f"valves that a large leak holds half open: gain margin {leaking.gain_margin_dB:.1f} dB, "
+            f"phase margin {leaking.phase_margin_deg:.1f} deg"
+        )

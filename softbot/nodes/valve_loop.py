@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from controllers import pressure_loop, pressure_loop_design
 from controllers.manifold_relief import relief_memory, relieve_manifold
 from controllers.pressure_loop import PressureLoop, PressureLoopGains
-from controllers.pressure_loop_design import PressureLoopDesign, design_pressure_loop
+from controllers.pressure_loop_design import PressureLoopDesign, analyse_pressure_loop, design_pressure_loop
 from sim.scene import CONTROL_PERIOD_S
 from softbot import pneumatics
 from softbot.errors import InputError
@@ -83,6 +83,11 @@ def design(robot: Robot) -> PressureLoopDesign:
     For the mean chamber: the design spans 0.8 to 1.6 times its volume, more than chambers differ among themselves.
     """
     return design_pressure_loop(robot.pneumatics, float(nominal_volumes_m3(robot).mean()), CONTROL_PERIOD_S)
+
+
+def half_open(robot: Robot, gains: PressureLoopGains) -> PressureLoopDesign:
+    """The same loop where valves stand half open at any pressure, as a large leak holds them."""
+    return analyse_pressure_loop(robot.pneumatics, float(nominal_volumes_m3(robot).mean()), gains)
 
 
 def designed_gains(robot: Robot) -> PressureLoopGains:

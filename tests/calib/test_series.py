@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import calib
+from calib.assumptions import one_gain_assumed
 from calib.model_choice import Geometry
 from calib.recording import Trial, trials_of
 from calib.series_calibration import (
@@ -145,6 +146,11 @@ def test_shipped_trials_together_make_a_robot_with_memory() -> None:
         again = np.interp(trial.t_s, trial.grid_s, path) - path[0]
         straight = replace(trial, start_bend_rad=np.zeros(2))
         np.testing.assert_allclose(again, fit.prediction.bend_rad(straight), atol=math.radians(0.1))
+
+
+def test_chambers_that_were_always_driven_alike_are_told_to_share_a_gain() -> None:
+    assert one_gain_assumed(((0, 2), (1,))) == ["one gain for chambers 0 and 2: they always had the same pressure"]
+    assert one_gain_assumed(((0,), (1,))) == []
 
 
 def test_what_a_recording_does_not_tell_is_listed_as_assumed(tmp_path: Path) -> None:

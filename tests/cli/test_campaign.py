@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+import softbot as softbot_package
+
 SMOKE = Path(__file__).parents[2] / "campaigns" / "smoke.toml"
 
 
@@ -58,3 +60,14 @@ def test_a_campaign_that_is_refused_keeps_nothing(
     result = softbot("campaign", SMOKE, "--out", tmp_path)
     assert result.exit_code == 2
     assert "kept" not in result.stderr
+
+
+def test_a_replay_of_limits_without_room_leaves_no_folder(softbot: Any, tmp_path: Path) -> None:
+    text = SMOKE.read_text().replace('robot = "default"', 'robot = "tight.toml"')
+    own = (Path(softbot_package.__file__).parent / "data" / "default_robot.toml").read_text()
+    (tmp_path / "tight.toml").write_text(f"{own}\n[pneumatics]\nmax_chamber_pressure_Pa = 100e3\n")
+    (tmp_path / "tight_campaign.toml").write_text(text)
+    result = softbot("campaign", tmp_path / "tight_campaign.toml", "--replay", "0", "--out", tmp_path / "here")
+    assert result.exit_code == 2
+    assert "pneumatics.max_chamber_pressure_Pa = 100000" in result.stderr
+    assert not (tmp_path / "here").exists()

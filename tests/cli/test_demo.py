@@ -49,6 +49,13 @@ def test_a_demo_writes_a_run_folder_with_the_calibration_in_it(softbot: Any) -> 
     assert json.loads(again.stdout)["scene"] == "demo"
 
 
+def test_limits_without_room_are_refused_before_a_folder_is_made(softbot: Any) -> None:
+    result = softbot("demo", "--set", "robot.pneumatics.max_chamber_pressure_Pa=1e5", "--out", "here")
+    assert result.exit_code == 2
+    assert "robot.pneumatics.max_chamber_pressure_Pa = 100000" in result.stderr
+    assert not Path("here").exists()
+
+
 def test_a_wrong_key_ends_with_2(softbot: Any) -> None:
     result = softbot("demo", "--set", "sequencer.sped=1")
     assert result.exit_code == 2

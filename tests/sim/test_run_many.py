@@ -8,6 +8,7 @@ import io
 import os
 import pickle
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -18,7 +19,7 @@ import pytest
 
 import sim
 from sim import run_many
-from sim.run_many import answer
+from sim.run_many import answer, interpreter_environment
 from sim.scene import Scene, scene_from
 from softbot.errors import InputError, SimulationError
 
@@ -63,7 +64,7 @@ def asked_to_end(n):
     return n
 
 def slow(n):
-    Path(os.environ["STARTED"]).touch()
+    Path(os.environ["STARTED"]).write_text(str(os.getpid()))
     time.sleep(60.0)
 '''
 
@@ -135,6 +136,32 @@ def test_death_of_a_process_is_the_result_of_the_scene_that_it_was_at(chores: An
 
 def test_what_asks_the_whole_group_to_end_is_no_death_of_a_run(chores: Any) -> None:
     assert run_many(range(4), 2, run=chores.asked_to_end) == list(range(4))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_processes_end_with_their_parent(chores: Any, tmp_path: Path, number: signal.Signals) -> None:
+    started = tmp_path / "started"
+    script = "from chores_of_a_test import slow\nfrom sim import run_many\nrun_many(range(2), 2, run=slow)"
+    parent = subprocess.Popen([sys.executable, "-c", script], env=interpreter_environment() | {"STARTED": str(started)})
+    deadline_s = time.monotonic() + 60.0
+    while not (started.exists() and started.read_text()):
+        assert parent.poll() is None
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+    parent.send_signal(number)
+    parent.wait(timeout=30.0)
+    deadline_s = time.monotonic() + 20.0  # of the run's minute
+    while runs(int(started.read_text())):
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+
+
+def runs(process: int) -> bool:
+    """Whether there is such a process, and not only what is left of it until somebody asks."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 def test_interrupt_ends_the_processes(chores: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
